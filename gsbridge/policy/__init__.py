@@ -1,1 +1,1 @@
-"""Policies: SACwB and its peers, which learn from pictures and a baseline controller; training, evaluation, export."""
+"""Policies (SACwB and others) that learn from pictures and a baseline controller: training, evaluation, export, deployment."""

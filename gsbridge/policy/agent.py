@@ -1,4 +1,4 @@
-"""The agent: networks, optimisers, temperature; it acts, and learns from batches.
+"""The agent: networks, optimisers and temperature; it acts, and it learns from batches.
 
 Source: RL-GSBridge, "SAC with Baseline controller"; acting and imitation follow its code where paper and code differ, see
 `gsbridge.policy.losses`.
@@ -47,9 +47,9 @@ class Agent:
     """Networks, losses and optimisers of one training; see the module.
 
     Args:
-        settings: How it learns.
-        seed: Seed of the networks' start and of everything that it draws.
-        device: Where it learns; everything is drawn on the CPU, so that the draws are the same everywhere.
+        settings: Settings of the training.
+        seed: Seed of the initial weights and of all random draws.
+        device: Device of the networks; random numbers are drawn on the CPU, so that they are the same everywhere.
     """
 
     def __init__(self, settings: PolicySettings, seed: int, device: str = "cpu") -> None:
@@ -66,7 +66,7 @@ class Agent:
             "critics": torch.optim.Adam(self.critics.parameters(), lr=settings.learning_rate, fused=True),
             "alpha": torch.optim.Adam([self.log_alpha], lr=settings.alpha_rate),
         }
-        # A stream of its own, apart from the one that the networks started from.
+        # A random stream of its own, apart from that of the initial weights.
         self.generator = torch.Generator().manual_seed(seed + 2**32)
         self.augmenter = Augmenter(Augmentation().widened(settings.jitter), device=device) if settings.augment else None
         self.alarm = losses.TargetAlarm(_RETURN_BOUND)
@@ -81,8 +81,9 @@ class Agent:
     def act_all(self, states: Sequence[TrainingState], share: float) -> list[Choice]:
         """Choose an action in each of several states.
 
-        With probability lambda the controller's; otherwise, in `sacwb`, the one of greater min Q of the controller's and one
-        drawn from the actor; in `dagger` the actor's mean, in `sac` one drawn from the actor.
+        With probability lambda it is the controller's action. Otherwise it depends on the algorithm: in `sacwb`, the action of
+        greater min Q out of the controller's and one drawn from the actor; in `dagger`, the actor's mean action; in `sac`, one
+        drawn from the actor.
 
         Args:
             states: The states.
@@ -91,7 +92,7 @@ class Agent:
         settings = self.settings
         coins, bases = [], []
         for state in states:
-            # Drawn in any case, so that the stream does not depend on the outcome.
+            # Drawn in any case, so that the random stream does not depend on the outcome.
             coins.append(float(torch.rand((), generator=self.generator)))
             noise = settings.base_noise * torch.randn(SIZE, generator=self.generator)
             bases.append(np.clip(state.base + noise.numpy(), -1.0, 1.0).astype(np.float32))
@@ -114,7 +115,7 @@ class Agent:
 
     @torch.no_grad()
     def value(self, state: TrainingState) -> float:
-        """min Q of the actor's mean action: what it expects to return from here."""
+        """Return min Q of the actor's mean action: the return that the critics expect from this state."""
         return float(self.critics.least(self._stack([state], "privileged"), self._distribution([state]).mode))
 
     def update(self, batch: Batch, share: float) -> dict[str, float]:
@@ -135,12 +136,12 @@ class Agent:
         self.updates += 1
         if self.settings.has_critics:
             _follow(self.target_critics, self.critics, self.settings.tau)
-        # The plain mean of all weights so far at first: the random start must not linger in the average.
+        # At first the average is the plain mean of all weights so far, so that the random start does not linger in it.
         _follow(self.averaged, self.actor, max(self.settings.averaging, 1.0 / self.updates))
         return out
 
     def targets(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
-        """Critic targets of a batch, and figures about them. [B]."""
+        """Return the critic targets of a batch, [B], and figures about them, by name."""
         settings, alpha = self.settings, self.alpha
         with torch.no_grad():
             distribution, _ = self._forward(picture(batch.next_image), batch.next_proprio)
@@ -206,7 +207,7 @@ class Agent:
         return out
 
     def state(self) -> dict[str, Any]:
-        """Everything that learning goes on from, as tensors and plain values."""
+        """Return all that is needed to resume learning, as tensors and plain values."""
         return {
             "actor": self.actor.state_dict(),
             "critics": self.critics.state_dict(),
@@ -220,7 +221,7 @@ class Agent:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` gave.
+        """Restore what `state` returned.
 
         Raises:
             InputError: It belongs to other networks.
@@ -240,29 +241,29 @@ class Agent:
             raise InputError("agent", f"the stored state does not fit ({error})", "Delete it and train anew") from error
 
     def _forward(self, pictures: Tensor, proprio: Tensor) -> tuple[TanhGaussian, Tensor | None]:
-        """The actor, in bfloat16 where the settings say so; used for learning only."""
+        """Run the actor for learning, in bfloat16 if the settings ask for it."""
         kind = torch.device(self.device).type
         with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.settings.bf16):
             return self.actor(pictures, proprio)
 
     def _distribution(self, states: Sequence[TrainingState]) -> TanhGaussian:
-        """The actor in full precision, for some states."""
+        """Run the actor on some states in full precision."""
         return self.actor(picture(self._stack(states, "image")), self._stack(states, "proprio"))[0]
 
     def _stack(self, states: Sequence[TrainingState], name: str) -> Tensor:
-        """One field of some states, on the networks' device. [B, ...]."""
+        """Stack one field of some states, on the networks' device. [B, ...]."""
         return torch.from_numpy(np.stack([getattr(state, name) for state in states])).to(self.device)
 
 
 @torch.no_grad()
 def _follow(slow: torch.nn.Module, fast: torch.nn.Module, share: float) -> None:
-    """Let weights follow others slowly."""
+    """Move the weights of `slow` towards those of `fast` by a share of their difference."""
     for behind, ahead in zip(slow.parameters(), fast.parameters(), strict=True):
         behind.lerp_(ahead, share)
 
 
 def _step(optimiser: torch.optim.Optimizer, loss: Tensor) -> None:
-    """Take one gradient step with one optimiser. Gradients of anything else that the loss touches are dropped."""
+    """Take one gradient step with one optimiser; only its own parameters get gradients of the loss."""
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
     for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters, allow_unused=True), strict=True):
         parameter.grad = gradient

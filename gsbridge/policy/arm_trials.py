@@ -1,8 +1,8 @@
-"""Trials on an arm: every world but the simulated one is tried by the path that `gsbridge run-policy` takes.
+"""Trials on an arm: in every world but the simulated one, trials use the same code path as `gsbridge run-policy`.
 
-What acts sees pictures and what the arm measures: joint angles with their noise and offsets, turned into a tool pose by forward
-kinematics and into the table's frame by the registration; its commands go back the same way. Only the referee knows the truth:
-it judges, ends the episode at a success, and what it saw is the trial's log.
+The policy sees pictures and what the arm measures: joint angles with their noise and offsets, turned into a tool pose by
+forward kinematics and into the table's frame by the registration. Its commands go back the same way. Only the referee knows the
+true state: it judges, and it ends the episode at a success. The states that it saw are the trial's log.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ class ArmTrials:
 
     Args:
         world: The mirror, or its physics alone.
-        registration: Where table and camera are believed to be.
-        interface: What the policy asks for.
-        policy: What acts.
+        registration: Registered poses of table and camera.
+        interface: Inputs and outputs of the policy.
+        policy: The policy that acts.
 
     Raises:
         InputError: Registration, camera and policy do not belong together.
@@ -73,12 +73,12 @@ class ArmTrials:
 
 
 def arm_setup(driver: WorldDriver, registration: Registration, interface: PolicyInterface) -> Setup:
-    """Setup of a world's arm: it has a clock of its own, and pictures may repeat where the policy does not use them.
+    """Make the setup of a world's arm, with the world's own clock and without the check for equal pictures.
 
     Args:
         driver: The world as an arm.
-        registration: Where table and camera are believed to be.
-        interface: What the policy asks for.
+        registration: Registered poses of table and camera.
+        interface: Inputs and outputs of the policy.
 
     Raises:
         InputError: Registration, camera and policy do not belong together.
@@ -92,7 +92,7 @@ def play_on_arm(
     """Play one trial until it ends.
 
     Args:
-        policy: What acts.
+        policy: The policy that acts.
         setup: The arm, with the driver.
         driver: The world.
         pose_set: Name of a set of start poses.
@@ -123,24 +123,26 @@ def play_on_arm(
 
 
 def _path(log: EpisodeLog, driver: WorldDriver, pose_set: str, index: int) -> TrialPath:
-    """What the referee saw, and the pictures."""
+    """Return the path of states that the referee saw, with actions and pictures."""
     states = driver.referee.states
     columns = [np.stack(column) for column in zip(*(path_row(state) for state in states), strict=True)]
     actions = np.zeros((len(states), len(ACTION_NAMES)), np.float32)
     if log.rows:
         actions[: log.steps] = np.stack([log.column(f"action_{name}") for name in ACTION_NAMES], axis=1)
     pictures = log.pictures if len(log.pictures) == len(states) else [*log.pictures, driver.image()]
-    return TrialPath(pose_set, index, *columns, actions=actions, jpegs=tuple(map(encode, pictures)))  # type: ignore[misc,arg-type]  # one column for each field between
+    # The columns are the fields between `index` and `actions`.
+    return TrialPath(pose_set, index, *columns, actions=actions, jpegs=tuple(map(encode, pictures)))  # type: ignore[misc,arg-type]
 
 
 class SeeingController:
-    """The baseline controller in the role of a policy on an arm. It is told where the object is and what it touches, as by
-    perfect sensors; of its own arm it knows only what is measured.
+    """The baseline controller in the role of a policy on an arm.
+
+    It gets the true pose and contacts of the object, as from perfect sensors, but only the measured pose of its own arm.
 
     Args:
         controller: The controller.
         driver: The arm.
-        base_from_table: Registered place of the table. [4, 4].
+        base_from_table: Registered pose of the table. [4, 4].
     """
 
     def __init__(self, controller: GraspController, driver: WorldDriver, base_from_table: Array) -> None:
@@ -178,7 +180,7 @@ def try_controller_on_arm(
 
     Args:
         world: The mirror's physics.
-        registration: Where the table is believed to be.
+        registration: Registered pose of the table.
         controller: Controller of the settings' task.
         settings: Settings of the environment.
         record: Record of the stage, with every trial.

@@ -1,8 +1,9 @@
-"""Image noise and random image attributes for a batch: per picture one 3x3 matrix on its colours, an offset, and noise. The
-gripper's opening is varied, too.
+"""Random image attributes and noise for a batch of pictures, and noise on the gripper's opening.
+
+Each picture gets one 3x3 matrix on its colours, an offset, and noise.
 
 Brightness, contrast, saturation, tint and hue are linear in the colours; together they cost one small product per picture.
-Pictures are not shifted: that would break the geometry that a soft-argmax reads off.
+Pictures are not shifted, since that would change the positions that the soft-argmax extracts.
 
 Source: RL-GSBridge, "we add random noise to the rendered images of the GS model and randomly alter certain image attribute
 parameters during training"; brightness, saturation and contrast of its code vary by 0.4, hue by 25 degrees.
@@ -48,14 +49,14 @@ class Jitter:
 
 @dataclass(frozen=True)
 class Augmentation:
-    """Ranges of what a picture is varied by.
+    """Ranges of the random changes.
 
     Args:
         jitter: Ranges of the attributes.
-        offset: Each channel is shifted by -value to value, of the range of a picture.
-        noise: Standard deviation of the noise: each picture draws its own from 0 to this, of the range of a picture.
-        opening: Standard deviations of noise on both entries of `proprio` that tell the opening, in their units: about 3 mm, by
-            which a reconstructed object's width is wrong at worst.
+        offset: Each channel is shifted by -value to value, as a share of a picture's range.
+        noise: Largest standard deviation of the noise, as a share of a picture's range; each picture draws its own from 0 on.
+        opening: Standard deviations of noise on the two entries of `proprio` that tell the opening, in their units: about 3 mm,
+            the largest error of a reconstructed object's width.
 
     Raises:
         InputError: A range makes no sense.
@@ -73,7 +74,7 @@ class Augmentation:
             raise InputError("augmentation: opening", f"{self.opening} is out of range", "Give two numbers from 0 to 1")
 
     def widened(self, factor: float) -> Augmentation:
-        """Augmentation with all ranges of pictures multiplied by a factor; ranges of what the hand feels stay."""
+        """Augmentation with all ranges of pictures multiplied by a factor; `opening` stays."""
         jitter = Jitter(**{item.name: factor * getattr(self.jitter, item.name) for item in fields(self.jitter)})
         return replace(self, jitter=jitter, offset=factor * self.offset, noise=factor * self.noise)
 
@@ -83,21 +84,21 @@ class Augmenter:
 
     Args:
         settings: Ranges.
-        device: Where the pictures are.
+        device: Device of the pictures.
     """
 
     def __init__(self, settings: Augmentation | None = None, device: str = "cpu") -> None:
         self.settings = settings or Augmentation()
-        # To draw noise for every value costs more than the encoder; a picture takes a random run of a fixed bank instead.
+        # Drawing noise for every value takes longer than the encoder, so each picture takes a random run of a fixed bank.
         bank = torch.randn(_BANK, generator=torch.Generator().manual_seed(_BANK_SEED))
         self._bank = bank.to(device)
 
     def __call__(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
-        """Varied pictures.
+        """Return pictures with random attributes and noise.
 
         Args:
             pictures: -0.5..0.5, [B, 3, H, W], channels last.
-            generator: CPU generator of all that is drawn.
+            generator: CPU generator of all random numbers.
 
         Returns:
             -0.5..0.5, [B, 3, H, W], channels last.
@@ -105,7 +106,7 @@ class Augmenter:
         count, _, height, width = pictures.shape
         matrix, offset = colour_maps(self.settings, count, generator)
         matrix, offset = matrix.to(pictures.device), offset.to(pictures.device)
-        # Colour by colour: the product is ten times faster than on interleaved colours, which cost a copy each way.
+        # Planar colours: although they cost a copy each way, the product is ten times faster than on interleaved ones.
         out = torch.baddbmm(offset[:, :, None], matrix, pictures.contiguous().reshape(count, 3, height * width))
         if self.settings.noise > 0:
             size = height * width * 3
@@ -116,7 +117,7 @@ class Augmenter:
         return out.clamp_(-0.5, 0.5).reshape(pictures.shape).contiguous(memory_format=torch.channels_last)
 
     def feel(self, proprio: Tensor, generator: torch.Generator) -> Tensor:
-        """Varied proprio: what is closed on an object of another width must not look like fingers still under way.
+        """Add noise to the opening, so that fingers closed on an object of another width do not look as if they still moved.
 
         Args:
             proprio: Proprioception. [B, 12].

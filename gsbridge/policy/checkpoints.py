@@ -1,4 +1,4 @@
-"""Checkpoints of a training: a folder per checkpoint, complete or absent; the newest one counts.
+"""Checkpoints of a training: one folder per checkpoint, which is complete or absent; the newest one counts.
 
 | file | content |
 |---|---|
@@ -6,8 +6,8 @@
 | `learner.pt` | networks, optimisers, temperature, the agent's generator, best weights; read without pickles |
 | `replay.npz` | the replay buffer |
 
-Checkpoints are made between episodes. An episode begins from a seed of its own, so that environment and disturbances need no
-state here. A new checkpoint gets its own folder before the old one goes: there is no moment without one.
+Checkpoints are made between episodes. Every episode begins from a seed of its own, so no state of the environment needs to be
+stored. A new checkpoint is complete before the old one is removed, so there is always one.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _NAME = "step"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """State that a training goes on from.
+    """State from which a training resumes.
 
     Args:
         run: Counters, curve, random generator.
@@ -51,8 +51,8 @@ def save_checkpoint(folder: str | Path, key: Mapping[str, Any], checkpoint: Chec
 
     Args:
         folder: Folder of the training's checkpoints.
-        key: What the training is; only an equal one goes on from it.
-        checkpoint: What to go on from; `run["step"]` names it.
+        key: What the training depends on; only a training with an equal key resumes from the checkpoint.
+        checkpoint: State to resume from; `run["step"]` names its folder.
     """
     folder = Path(folder)
     target = folder / f"{_NAME}{int(checkpoint.run['step']):09d}"
@@ -66,7 +66,7 @@ def save_checkpoint(folder: str | Path, key: Mapping[str, Any], checkpoint: Chec
 
 
 def load_checkpoint(folder: str | Path, key: Mapping[str, Any]) -> Checkpoint | None:
-    """The newest checkpoint of a training; None where there is none, or another training's.
+    """Load the newest checkpoint of a training; None if there is none, or if it belongs to another training.
 
     Raises:
         InputError: The checkpoint is damaged.
@@ -87,12 +87,12 @@ def load_checkpoint(folder: str | Path, key: Mapping[str, Any]) -> Checkpoint | 
 
 
 def _all(folder: Path) -> list[Path]:
-    """Complete checkpoints, oldest first."""
+    """List the complete checkpoints, oldest first."""
     return sorted(path for path in folder.glob(f"{_NAME}*") if path.is_dir())
 
 
 def _as_json(value: Any) -> Any:
-    """What a value looks like after it went through a JSON file."""
+    """Return a value as it would come back from a JSON file."""
     if isinstance(value, Mapping):
         return {str(name): _as_json(item) for name, item in value.items()}
     return [_as_json(item) for item in value] if isinstance(value, list | tuple) else value

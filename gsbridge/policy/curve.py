@@ -1,4 +1,4 @@
-"""The learning curve: one row per evaluation, as CSV, and the running figures that a row sums up."""
+"""The learning curve: one CSV row per evaluation, which also summarises the training since the last row."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsbridge.policy.evaluation import Evaluation
 from gsbridge.tasks.poses import QUADRANTS
 
 Row = dict[str, float | None]
-"""Figures by column; None where the algorithm has none."""
+"""Figures by column; None if the algorithm does not have one."""
 
 PARTS = ("environment", "act", "update", "evaluate")
 LEARNED = (
@@ -32,7 +32,7 @@ COLUMNS = (
 )
 """`target_max`, `surprise_max`: largest since the last row; other learned figures: means. `surprise_max` is the largest
 -log pi of a controller's action, nats; `advantage` the mean of Q(controller) - Q(actor); `alarm` the share of updates whose
-targets exceed the largest return. `cpu_*_s`: CPU seconds since the beginning of the training, by what they went into."""
+targets exceed the largest return. `cpu_*_s`: CPU seconds since the beginning of the training, by part of the work."""
 
 _HIGHEST = ("target_max", "surprise_max")
 
@@ -45,7 +45,7 @@ class Meter:
         self._counts: dict[str, int] = {}
 
     def see(self, figures: Mapping[str, float]) -> None:
-        """Add figures: of some the largest value is kept, of the others the mean."""
+        """Add figures; the largest value is kept for those in `_HIGHEST`, the mean for all others."""
         for name, value in figures.items():
             if name in _HIGHEST:
                 self._sums[name] = max(self._sums.get(name, -np.inf), value)
@@ -63,12 +63,12 @@ class Meter:
 
 
 class TrainingClock:
-    """CPU seconds by part of the work, and seconds that passed in all parts but evaluation.
+    """Counts CPU seconds by part of the work, and wall-clock seconds of all parts but evaluation.
 
     Args:
         seconds: CPU seconds to go on counting from, by part.
-        wall: Seconds that had passed, to go on counting from.
-        workers: CPU seconds of the processes that work for this one; they count like its own.
+        wall: Wall-clock seconds to go on counting from.
+        workers: Returns the CPU seconds of the worker processes, which count like those of this process.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class TrainingClock:
 
     @contextmanager
     def on(self, part: str) -> Iterator[None]:
-        """Count the seconds of a block."""
+        """Count the seconds of a block as those of a part."""
         begin, now = time.process_time() + self._workers(), time.perf_counter()
         try:
             yield
@@ -103,7 +103,7 @@ def evaluation_row(evaluation: Evaluation) -> Row:
 
 
 def write_curve(path: str | Path, rows: Sequence[Row]) -> None:
-    """Write all rows, whole; numbers exactly, unknown figures empty."""
+    """Write all rows, whole or not at all; numbers are exact, and unknown figures empty."""
     with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
         writer.writeheader()

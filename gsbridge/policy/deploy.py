@@ -1,4 +1,4 @@
-"""From files to a policy at work on an arm: what `gsbridge run-policy` does."""
+"""Implementation of `gsbridge run-policy`: reads the files and runs a policy on an arm."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ logger = logging.getLogger("gsbridge")
 
 WORLDS = ("sim", "mirror")
 MOST_STEPS = 100_000
-"""Most steps that an episode may be asked to have: more than an hour."""
+"""Largest number of steps that can be asked for in one episode: more than an hour."""
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,20 @@ class Deployment:
         policy: Folder of `policy.json` and the weights.
         driver: `sim`, `mirror`, or `module:Class`.
         registration: `registration.json`.
-        options: Arguments of one's own driver.
-        results: Folder of the workflow's results; for worlds.
-        item, background: Scenes; for worlds.
-        model: Simulation model; for `sim`.
+        options: Arguments of the user's own driver.
+        results: Folder of the workflow's results; needed for `sim` and `mirror`.
+        item, background: Names of the scenes of object and table; needed for `sim` and `mirror`.
+        model: Simulation model; needed for `sim`.
         seed: Seed of the mirror: of its films and hidden parameters.
         pieces: Folder that keeps the mirror's convex pieces from run to run.
-        runtime: What computes the network: `torch` or `onnx`.
+        runtime: Library that computes the network: `torch` or `onnx`.
         pose_set, index: Start poses, see `start_poses`; None for one episode that is no trial.
         trials: File to add trials to.
-        redo: Repeat trials that the file holds.
+        redo: Whether to repeat trials that the file already holds.
         out: Folder of logs.
-        pictures: Keep pictures in the logs.
-        steps: Steps of an episode; None for the training's.
-        dry_run: Give no commands.
+        pictures: Whether to keep pictures in the logs.
+        steps: Steps of an episode; None for as many as in the training.
+        dry_run: Whether to give no commands.
     """
 
     policy: Path
@@ -95,10 +95,10 @@ class Deployment:
 
 
 def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeLog, Verdict | None]]:
-    """Run a policy as asked for.
+    """Run a policy as a deployment asks for.
 
     Args:
-        wanted: See `Deployment`.
+        wanted: The choices of the user.
         ask: Shows a question to the person beside the arm and returns the answer.
 
     Returns:
@@ -107,7 +107,7 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
     Raises:
         InputError: Files, driver and policy do not belong together; see `run_policy`.
     """
-    # All that can be wrong with files is found before an arm is touched.
+    # Find all that can be wrong with the files before an arm moves.
     read_given_json(wanted.policy / SPEC, "Name the folder of a trained policy, or copy it once more from where it was trained")
     trained = load_policy(wanted.policy)
     interface = PolicyInterface.of(trained.spec)
@@ -129,7 +129,7 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
     try:
         operator: Operator
         if isinstance(driver, WorldDriver):
-            # A world is only as fast as its processor, and its pictures have no noise.
+            # A world has its own clock, since it is only as fast as its processor; its pictures have no noise and may repeat.
             setup = Setup(interface, driver, registration, driver.clock, Limits(frozen=None))
             operator = WorldOperator(driver, interface.settings)
         else:
@@ -143,9 +143,9 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
 
 
 def _plan(wanted: Deployment, interface: PolicyInterface) -> Plan:
-    """Start poses, files and switches."""
+    """Collect start poses, files and switches, and check that logs can be written."""
     file = None if wanted.trials is None else TrialFile(wanted.trials)
-    # An arm must not move for what cannot be kept.
+    # An arm must not move for results that cannot be written.
     for name, folder in (("--out", wanted.out), ("--trials", None if file is None else file.path.parent)):
         if folder is not None:
             _make_room(folder, name)
@@ -157,11 +157,11 @@ def _plan(wanted: Deployment, interface: PolicyInterface) -> Plan:
 
 
 def _make_room(folder: Path, option: str) -> None:
-    """Make a folder for what a run leaves.
+    """Make a folder for the results of a run.
 
     Args:
         folder: The folder.
-        option: What named it, for the message.
+        option: Option that named the folder, for the message.
 
     Raises:
         InputError: Nothing can be written there.
@@ -173,7 +173,7 @@ def _make_room(folder: Path, option: str) -> None:
 
 
 def _driver(wanted: Deployment, interface: PolicyInterface, registration: Registration) -> RobotDriver:
-    """The arm."""
+    """Make the driver of the arm or world."""
     if wanted.driver not in WORLDS:
         return load_driver(wanted.driver, wanted.options)
     if wanted.options:
@@ -202,10 +202,10 @@ def _driver(wanted: Deployment, interface: PolicyInterface, registration: Regist
 
 
 def simulated_arm(files: StageFiles, settings: EnvironmentSettings) -> WorldDriver:
-    """The simulated world as an arm, whose camera shows the model's effects as it does where a policy is trained.
+    """Make the simulated world as an arm; its camera shows the model's effects, as in the training of a policy.
 
     Args:
-        files: What the world is made of; its registration is the one that the runner takes.
+        files: Files that the world is made of; their registration is the one that the runner uses.
         settings: Settings of the policy's environment: picture size and renderer.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What a user writes for an arm of their own: five methods between the runner and the hardware.
+"""Interface that users implement for an arm of their own: five methods between the runner and the hardware.
 
 Frames: `base` is the frame of the arm's first link as in the URDF, `tool` lies between the pads' centres when the gripper is
 closed, z out of the hand, x to the camera's side, the pads open along y. Metres, radians, `a_from_b`.
@@ -41,7 +41,7 @@ class Reading:
 
 @runtime_checkable
 class RobotDriver(Protocol):
-    """An arm with a gripper and a camera on its wrist. Every call returns at once, but for `rest`."""
+    """An arm with a gripper and a camera on its wrist. Every call except `rest` returns at once."""
 
     @property
     def camera(self) -> Camera | None:
@@ -52,7 +52,7 @@ class RobotDriver(Protocol):
         """Open the gripper, drive slowly to the rest posture, and return when the arm stands still."""
 
     def measure(self) -> Reading:
-        """Measured pose and opening, both of now: measured, not commanded."""
+        """Present pose of the tool and opening, as measured, not as commanded."""
 
     def image(self) -> Array:
         """The newest picture, RGB as the camera delivers it. uint8 [H, W, 3]."""
@@ -62,10 +62,10 @@ class RobotDriver(Protocol):
 
         Args:
             base_from_tool: Wanted pose of the tool, m. [4, 4].
-            aperture: Wanted distance of the pads, m; one below the object's width presses.
+            aperture: Wanted distance of the pads, m; a distance below the object's width presses on it.
 
         Returns:
-            False where the arm cannot go there; it then keeps its last target, and the refusal is counted.
+            False if the arm cannot go there; it then keeps its last target, and the refusal is counted.
         """
 
     def stop(self) -> None:
@@ -73,7 +73,7 @@ class RobotDriver(Protocol):
 
 
 class JointArm:
-    """Kinematics for drivers of arms that speak in joint angles.
+    """Kinematics for drivers of arms that measure and take joint angles.
 
     Args:
         robot: Folder of the robot's description (`results/robot/description`).
@@ -95,7 +95,7 @@ class JointArm:
         return Reading(tool_pose(self.kinematics, joints), float(aperture))
 
     def joints_for(self, base_from_tool: Array, now: Array) -> Array | None:
-        """Joint angles that bring the tool to a pose; None where no posture does.
+        """Find joint angles that bring the tool to a pose; None if there are none.
 
         Args:
             base_from_tool: Wanted pose of the tool, m. [4, 4].
@@ -117,11 +117,11 @@ class Clock(Protocol):
         """Seconds since some fixed moment."""
 
     def wait_until(self, moment: float) -> None:
-        """Return when `now` has reached a moment; at once where it has passed."""
+        """Return when `now` has reached a moment; at once if it has passed."""
 
 
 class WallClock:
-    """The time of day's pace, unmoved by changes of the system's clock."""
+    """Real time, not affected by changes of the system's clock."""
 
     def now(self) -> float:
         """See `Clock`."""
@@ -142,7 +142,7 @@ def load_driver(name: str, options: Mapping[str, Any]) -> RobotDriver:
         options: Arguments of the class.
 
     Raises:
-        InputError: It cannot be imported, made, or lacks a method.
+        InputError: The class cannot be imported or made, or the driver lacks a method.
     """
     module, _, attribute = name.partition(":")
     if not (module and attribute):
@@ -169,20 +169,20 @@ def load_driver(name: str, options: Mapping[str, Any]) -> RobotDriver:
 
 @contextlib.contextmanager
 def _blaming(problem: str, remedy: str) -> Iterator[None]:
-    """Turn what somebody's driver raises into one line, with the line of the driver in which it was raised.
+    """Turn an error of the user's driver into a one-line error that names the driver's line in which it was raised.
 
     Args:
         problem: What is wrong.
         remedy: What the user can do.
 
     Raises:
-        InputError: Anything was raised inside that is not ours.
+        InputError: Something other than a `GsbridgeError` was raised inside.
     """
     try:
         yield
     except GsbridgeError:
         raise
-    # A driver that ends the program is none, either.
+    # A driver must not end the program, either.
     except (Exception, SystemExit) as error:
         ours = (__file__, importlib.__file__, "<frozen")
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(ours)]

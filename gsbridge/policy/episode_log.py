@@ -22,7 +22,7 @@ COLUMNS = (
     *("command_x", "command_y", "command_z", "command_yaw", "command_aperture"),
     *("late_s", "refused"),
 )
-"""Table frame, m, rad. `time_s` counts from the first step to when the arm was measured; `late_s` is the delay of the step."""
+"""Table frame, m, rad. `time_s` is the time of the arm's measurement since the first step; `late_s` how late the step was."""
 
 
 @dataclass
@@ -30,17 +30,17 @@ class EpisodeLog:
     """Log of an episode. The runner fills it step by step, so that it exists after an error, too.
 
     Args:
-        dry_run: No command was given.
+        dry_run: Whether no commands were given.
         rows: One per step, in the order of `COLUMNS`.
-        pictures: What the policy saw, uint8 [H, W, 3] each; empty unless they are kept.
+        pictures: Pictures that the policy saw, uint8 [H, W, 3] each; empty unless they are kept.
         keep_pictures: Whether pictures are kept.
-        end: Why it ended.
-        overruns: Steps that were late.
+        end: Why the episode ended.
+        overruns: Number of steps that were late.
         worst_late_s: Largest delay of a step, s.
         clipped: Number of commands cut to the workspace.
         saturated: Number of actions with an entry outside -1..1.
         refused: Number of commands that the arm refused.
-        error: What was raised.
+        error: Type and message of the error that ended the episode; empty without one.
     """
 
     dry_run: bool = False
@@ -66,11 +66,11 @@ class EpisodeLog:
         """Add a step.
 
         Args:
-            time_s: Time since the first step, when the arm was measured, s.
+            time_s: Time of the arm's measurement since the first step, s.
             reached: Measured tool pose and opening, table frame.
-            action: What the policy wanted. [5].
+            action: Action of the policy. [5].
             command: Commanded position, table frame, m [3], yaw, rad, and opening, m.
-            late_s: By how much the step missed its time, s; 0 or less when it did not.
+            late_s: How late the step was, s; 0 or less if it was on time.
             refused: Whether the arm refused the command.
         """
         position, yaw, aperture = command
@@ -98,7 +98,7 @@ def write_episode(stem: str | Path, log: EpisodeLog, **facts: Any) -> None:
     with atomic_file(stem.with_suffix(".csv")) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)
-        # Enough digits to find every number again.
+        # Enough digits to restore every number exactly.
         table.writerows([[int(row[0]), *(repr(value) for value in row[1:-1]), int(row[-1])] for row in log.rows])
     if log.pictures:
         with atomic_file(stem.with_suffix(".npz")) as temporary, open(temporary, "wb") as file:

@@ -1,7 +1,7 @@
-"""Trying a policy while it is trained: on a third set of start poses, drawn at random, neither `fixed` nor `unseen`.
+"""Evaluation of a policy during its training, from random start poses that belong to none of the test sets.
 
-The test sets stay untouched until the training is over; what is chosen by an evaluation, such as the best weights, would
-otherwise flatter them.
+The test sets are not used before the training is over: the best weights are chosen by an evaluation, and results on the poses
+of that choice would be too good.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gsbridge.tasks.poses import QUADRANTS, StartRegion
 _TRIES = 1000
 
 Value = Callable[[Mapping[str, Array], Mapping[str, Any]], float]
-"""Gives the return that is expected after an observation and its `info`."""
+"""Function that returns the expected return after an observation and its `info`."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class Evaluation:
     """Outcome of episodes, one per start pose.
 
     Args:
-        success: bool [N].
-        quadrant: 1 to 4. [N].
+        success: Whether each episode succeeded. bool [N].
+        quadrant: Quadrant of the start pose, 1 to 4. [N].
         steps: Steps of each episode. [N].
-        returns: Discounted, from the start. [N].
-        expected: What the critics expected at the start; NaN without critics. [N].
+        returns: Discounted return from the start. [N].
+        expected: Return that the critics expected at the start; NaN without critics. [N].
     """
 
     success: Array
@@ -52,19 +52,19 @@ class Evaluation:
         return float(self.success.mean())
 
     def rate_in(self, quadrant: int) -> float:
-        """Share of successes that started in a quadrant; NaN where none did."""
+        """Return the success rate from start poses in a quadrant; NaN if there are none."""
         inside = self.quadrant == quadrant
         return float(self.success[inside].mean()) if inside.any() else float("nan")
 
 
 def evaluation_poses(region: StartRegion, count: int, seed: int, draw: int = 0) -> Array:
-    """Random start poses, as many in each quadrant.
+    """Draw random start poses, equally many in each quadrant.
 
     Args:
         region: Where objects start.
-        count: A multiple of 4.
+        count: Number of poses, a multiple of 4.
         seed: Seed of the training.
-        draw: Number of the set: 0 to choose by, 1 to test the choice.
+        draw: 0 for the set by which weights are chosen, 1 for the set that tests the choice.
 
     Returns:
         x, y, yaw, quadrant 1 first. [count, 3].
@@ -92,11 +92,11 @@ def evaluate(
 
     Args:
         environment: A `PickEnvironment`, wrapped or not.
-        policy: What acts.
-        poses: x, y, yaw. [N, 3].
+        policy: The policy that acts.
+        poses: x, y, yaw of the object, m and rad. [N, 3].
         seed: Seed of what is random in the episodes.
         gamma: Discount per step.
-        value: Expected return at the start; None for none.
+        value: Estimates the return from the start; None to leave this out.
     """
     rows = []
     for k, pose in enumerate(poses):
@@ -119,7 +119,7 @@ def evaluate_controller(environment: gymnasium.Env, controller: Controller, pose
 
     Args:
         environment: A `PickEnvironment`, wrapped or not.
-        controller: What acts.
+        controller: The controller that acts.
         poses: x, y, yaw of the object, m and rad. [N, 3].
         seed: Seed of what is random in the episodes.
     """
@@ -152,7 +152,7 @@ def bare(environment: gymnasium.Env) -> PickEnvironment:
 
 @contextlib.contextmanager
 def _blind(environment: PickEnvironment) -> Iterator[None]:
-    """Let the environment draw nothing for a while."""
+    """Let the environment draw no pictures inside a block."""
     eye = environment.eye
     environment.eye = DrawnEye(BlankRenderer(environment.settings.image_size))
     try:

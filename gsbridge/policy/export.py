@@ -1,9 +1,9 @@
-"""A policy as two files: `policy.safetensors`, its weights, and `policy.json`, what goes in and out. No pickles.
+"""A policy as two files: `policy.safetensors` holds its weights, `policy.json` describes its inputs and outputs. No pickles.
 
 `policy.json`: format, algorithm, settings of the training, digest of the weights; the observation with its preprocessing
-(picture size, camera's angle of view, what `proprio` means and is measured from), the action with its scale, what an episode
-is, and where the robot stood. A runner on a robot needs nothing else. `gsbridge.policy.onnx` adds `policy.onnx`, the same
-network for programs without PyTorch.
+(picture size, camera's angle of view, meaning and origin of `proprio`), the action with its scale, the settings of an episode,
+and the robot's rest posture and mounts. A runner on a robot needs nothing else. `gsbridge.policy.onnx` adds `policy.onnx`, the
+same network for programs without PyTorch.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from gsbridge.tasks.world import CONTROL_HZ, World
 
 _AUXILIARY = "position."
 _HEADER = 2**20
-"""Room for names and notes in the file of the weights, bytes."""
+"""Allowance for names and notes in the file of the weights, bytes."""
 
 
 class Policy:
-    """A policy at work: from observations to mean actions, without chance, in full precision.
+    """A trained policy: maps observations to mean actions, deterministically and in full precision.
 
     Args:
         actor: The network.
@@ -53,11 +53,11 @@ class Policy:
 
     @torch.no_grad()
     def __call__(self, observation: Mapping[str, Array], info: Mapping[str, Any] | None = None) -> Array:
-        """The action for an observation; `info` is not looked at.
+        """Return the action for an observation.
 
         Args:
             observation: `image`, uint8 [H, W, 3], and `proprio`, [12].
-            info: Only so that trials can call policies and controllers alike.
+            info: Ignored; it is there so that trials can call policies and controllers alike.
 
         Returns:
             float32 [5], -1..1.
@@ -71,7 +71,7 @@ class Policy:
 
 
 def describe(environment: PickEnvironment, settings: PolicySettings) -> dict[str, Any]:
-    """What goes in and out of a policy trained in an environment, for `policy.json`."""
+    """Describe inputs and outputs of a policy that was trained in an environment, for `policy.json`."""
     scale, workspace = environment.target.scale, environment.workspace
     return {
         "format": FORMAT,
@@ -119,7 +119,7 @@ def describe(environment: PickEnvironment, settings: PolicySettings) -> dict[str
 
 
 def _robot(world: World) -> dict[str, Any] | None:
-    """Poses of arm, camera and table in the training; None for a world without an arm."""
+    """Return the poses of arm, camera and table in the training; None for a world without an arm."""
     kinematics, base_from_table = getattr(world, "kinematics", None), getattr(world, "base_from_table", None)
     if kinematics is None or base_from_table is None:
         return None
@@ -134,10 +134,10 @@ def _robot(world: World) -> dict[str, Any] | None:
 
 
 def save_policy(folder: str | Path, weights: Mapping[str, Tensor], spec: Mapping[str, Any]) -> None:
-    """Write a policy; the auxiliary head stays behind.
+    """Write a policy, without the auxiliary head.
 
     Args:
-        folder: Where `policy.safetensors` and `policy.json` go.
+        folder: Folder for `policy.safetensors` and `policy.json`.
         weights: State of an `Actor`, tensors by name. [...] each.
         spec: From `describe`, and figures of the training.
     """

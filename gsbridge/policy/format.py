@@ -1,4 +1,4 @@
-"""Names and numbers of a policy's files. They stand alone, so that whoever drives an arm need not load what learns."""
+"""Names and numbers of a policy's files, in a module of their own so that driving an arm does not load training code."""
 
 FORMAT = 1
 WEIGHTS, SPEC = "policy.safetensors", "policy.json"

@@ -1,4 +1,4 @@
-"""What a policy asks of whoever runs it: pictures, room, steps and start poses, read from `policy.json`."""
+"""What a policy requires to run: pictures, workspace, steps and start poses, read from `policy.json`."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from gsbridge.sim.actions import TETHER, ToolTarget
 from gsbridge.tasks.world import CONTROL_HZ
 
 MOUNT_M, MOUNT_RAD = 0.010, np.deg2rad(2.0)
-"""Largest change of the camera's mount since the training: what it shows has moved by some pixels of 64 then."""
+"""Largest change of the camera's mount since the training, m and rad; it moves a picture of 64 px by a few pixels."""
 
 LARGEST = 2.0
-"""Farthest that a workspace may go from the middle of the board, and widest that a hand may open, m."""
+"""Largest distance of a workspace's corner from the middle of the board along an axis, and largest opening of a hand, m."""
 _WORKSPACE = "Give metres and radians, over the table"
 
 START_M, START_RAD = 0.050, 0.25
-"""Largest distance from where episodes of the training began."""
+"""Largest distance, m, and turn, rad, from the tool pose in which episodes of the training began."""
 
 
 @dataclass(frozen=True)
 class PolicyInterface:
-    """What goes in and out of a policy, and what an episode of it is.
+    """Inputs and outputs of a policy, and settings of its episodes.
 
     Args:
         camera: Pinhole of the picture that the policy takes.
@@ -44,8 +44,8 @@ class PolicyInterface:
         stroke: Largest opening of the gripper, m.
         settings: Task, steps and start poses.
         control_hz: Actions per second.
-        flange_from_camera: Mount of the camera in the training, OpenCV axes, [4, 4]; None where it had none.
-        table_from_tool_at_rest: Where the tool stands when an episode begins, [4, 4]; None where there was no arm.
+        flange_from_camera: Mount of the camera in the training, OpenCV axes, [4, 4]; None if there was no arm.
+        table_from_tool_at_rest: Pose of the tool when an episode begins, [4, 4]; None if there was no arm.
     """
 
     camera: Camera
@@ -96,17 +96,17 @@ class PolicyInterface:
         return out
 
     def target(self) -> ToolTarget:
-        """The commanded tool pose, as in the training."""
+        """Make the commanded tool pose, with the workspace and action scale of the training."""
         return ToolTarget.within(self.workspace, self.stroke, self.settings.action_scale())
 
     def check_mount(self, registration: Registration) -> tuple[float, float] | None:
         """Compare the registered mount of the camera with the training's.
 
         Returns:
-            Their distance, m, and angle, rad; None where the training had no camera.
+            Their distance, m, and angle, rad; None if the training had no arm.
 
         Raises:
-            InputError: The camera has been moved since.
+            InputError: The camera has been moved since the training.
         """
         if self.flange_from_camera is None:
             return None
@@ -120,7 +120,7 @@ class PolicyInterface:
         return shift, turn
 
     def check_start(self, table_from_tool: Array) -> None:
-        """Make sure that an episode begins where those of the training did.
+        """Check that an episode begins where those of the training did.
 
         Args:
             table_from_tool: Measured pose of the tool, m. [4, 4].
@@ -143,10 +143,10 @@ class PolicyInterface:
 
 
 def _refuse_other_runners(spec: Mapping[str, Any], settings: EnvironmentSettings) -> None:
-    """Refuse what this version runs otherwise than the file says.
+    """Refuse a policy whose file describes another way of running it than this version has.
 
     Raises:
-        InputError: Order, size, pace or meaning of observations or actions are others.
+        InputError: Order, size, rate or meaning of observations or actions differ.
     """
     scale = settings.action_scale()
     wanted: dict[tuple[str, ...], Any] = {
@@ -173,15 +173,15 @@ def _refuse_other_runners(spec: Mapping[str, Any], settings: EnvironmentSettings
 
 
 def _numbers(content: Mapping[str, Any], name: str, count: int) -> tuple[float, ...]:
-    """Finite numbers of an entry, which is a list where they are several.
+    """Read the finite numbers of an entry, which is a list if there are several.
 
     Args:
         content: Entries by name.
         name: Name of the entry.
-        count: How many there must be.
+        count: How many numbers there must be.
 
     Raises:
-        InputError: There are others.
+        InputError: Their number differs, or one is not a finite number.
     """
     values = [content[name]] if count == 1 else content[name]
     numbers = isinstance(values, list | tuple) and all(type(value) in (int, float) and isfinite(value) for value in values)
@@ -191,7 +191,7 @@ def _numbers(content: Mapping[str, Any], name: str, count: int) -> tuple[float, 
 
 
 def _settings(content: Mapping[str, Any]) -> EnvironmentSettings:
-    """Settings of the environment from JSON, which knows no tuples."""
+    """Read settings of the environment from JSON, which has lists for tuples."""
     for name in ("start_centre", "start_yaw"):
         _numbers(content, name, 2)
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in content.items()}

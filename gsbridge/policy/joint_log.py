@@ -1,8 +1,8 @@
-"""Trials once more, logged at the joints: what a robot's driver writes while a policy fails, as records of a gap case.
+"""Repetition of trials with a log of the joints, as records of a gap case: a robot's driver writes such logs by itself.
 
-The trials are those of a table and its log (`gsbridge.environment.policy_trials`): from the same start, with the same seed and
-the same actions, so that no picture has to be taken again and the arm moves as it did. On a robot the driver logs the trials
-themselves.
+The trials to repeat are in a table and its log (`gsbridge.environment.policy_trials`). Each is played again from the same
+start, with the same seed and the same actions, so the arm moves as it did, and no picture has to be drawn. On a robot no
+repetition is needed, because the driver logs the trials themselves.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ __all__ = ["ROLES", "Repeat", "choose_trials", "log_trials", "repeat_trial", "wr
 logger = logging.getLogger("gsbridge")
 
 SHORTEST = 1.5
-"""Shortest trial that makes a record, s; with the rest before it and `AFTER` a record lasts 2.5 s or more."""
+"""Shortest trial that is used as a record, s; with the rest before it and `AFTER`, a record lasts 2.5 s or more."""
 
 AFTER = 0.5
 """How long the arm holds its last command while the driver goes on logging, s."""
 
 SAME = 1e-5
-"""Distance of the tool from the logged path above which a repeated trial is another one, m; logs keep 32 bits."""
+"""Largest distance of the tool from the logged path in a repeated trial, m; logs keep 32 bits."""
 
 _TOUCHED = tuple(str(outcome) for outcome in (Failure.DROPPED, Failure.PUSHED_AWAY, Failure.EXCESS_CONTACT))
 """Failures in which the hand pushed or carried something."""
@@ -56,8 +56,8 @@ class Repeat:
 
     Args:
         number: Row of the trial in the table.
-        success: Whether it succeeded, as worlds but the simulated one are judged: excess contact forgiven.
-        path: What was done in it.
+        success: Whether it succeeded when excess contact is forgiven, as in all worlds but the simulated one.
+        path: Its states and actions.
     """
 
     number: int
@@ -66,9 +66,9 @@ class Repeat:
 
 
 def choose_trials(table: str | Path, log: str | Path, period: float, count: int = len(ROLES)) -> list[Repeat]:
-    """Trials that are logged once more: failed ones first, the longest of them; from different quadrants of the table.
+    """Choose the trials to repeat: failed ones first, then the longest, from different quadrants of the table.
 
-    Of the failed ones, those in which nothing was pushed or dropped come first: the arm's model knows no contact.
+    Of the failed ones, those in which nothing was pushed or dropped come first, since the arm's model has no contacts.
 
     Args:
         table: Trials, CSV.
@@ -95,7 +95,7 @@ def choose_trials(table: str | Path, log: str | Path, period: float, count: int 
         )
     touched = {trial.number: rows[trial.number]["failure"] in _TOUCHED for trial in long}
     ranked = sorted(long, key=lambda trial: (trial.success, touched[trial.number], -len(trial.path), trial.number))
-    # Different excitation: one trial towards each quadrant of the table before a second one towards the same.
+    # For different excitation, take one trial towards each quadrant of the table before a second one towards the same.
     turns: Counter[tuple[bool, bool, str]] = Counter()
     order = []
     for place, trial in enumerate(ranked):
@@ -107,7 +107,7 @@ def choose_trials(table: str | Path, log: str | Path, period: float, count: int 
 
 
 def repeat_trial(world: LoggedPhysics, registration: Registration, settings: EnvironmentSettings, trial: Repeat) -> DriverLog:
-    """Carry out a trial's actions again.
+    """Play a trial's actions again, and return the driver's log.
 
     Args:
         world: The world in which it was tried.
@@ -116,13 +116,13 @@ def repeat_trial(world: LoggedPhysics, registration: Registration, settings: Env
         trial: The trial.
 
     Raises:
-        StageError: The tool takes another way than it did.
+        StageError: The tool moves otherwise than in the trial.
     """
     interface = PolicyInterface(
         wrist_camera(settings.image_size), Workspace.around(), world.dimensions.stroke, settings, CONTROL_HZ
     )
     driver = MirrorDriver(world, registration, settings)
-    # The first answer is to the warm-up's empty observation.
+    # The first action answers the warm-up's empty observation.
     actions = iter([np.zeros_like(trial.path.actions[0]), *trial.path.actions[:-1]])
     _, path, _ = play_on_arm(
         lambda observation, info: next(actions), arm_setup(driver, registration, interface), driver, trial.path.pose_set,
@@ -142,7 +142,7 @@ def repeat_trial(world: LoggedPhysics, registration: Registration, settings: Env
 
 
 def write_driver_log(path: str | Path, joints: Sequence[str], log: DriverLog) -> None:
-    """Write a log as the gap reads it: CSV whose header gives name and unit of each column.
+    """Write a log in the format of gap cases: CSV whose header gives name and unit of each column.
 
     Args:
         path: File to write.
@@ -185,12 +185,12 @@ def log_trials(
         registration: The registration with which they were made.
         settings: Settings of the environment.
         out: File of each role of `ROLES`.
-        record: Record of the stage: which trials.
+        record: Record of the stage, which names the trials.
         name: The world's name.
 
     Raises:
         InputError: Table and log do not belong together.
-        StageError: Too few trials are long enough, or a repeated one takes another way.
+        StageError: Too few trials are long enough, or the tool moves otherwise in a repeated one.
     """  # fmt: skip
     chosen = choose_trials(table, log, 1.0 / CONTROL_HZ, len(out))
     rows = []

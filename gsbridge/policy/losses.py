@@ -8,10 +8,10 @@ With a' drawn from the actor at the next state s', b' the baseline controller's 
 | `paper` | r + gamma (1 - d) max(q(a') - alpha log pi(a'), q(b') - alpha log pi(b')) |
 | `plain` | r + gamma (1 - d) (q(a') - alpha log pi(a')): soft actor-critic |
 
-The paper prints the second, its code computes the first, and they diverge: a controller saturates, where log pi(b') falls
-without bound as the actor grows confident, so that the fake bonus for the action that it does *not* take outweighs the reward.
-Targets then exceed the largest return, which is 1, many times over. The paper prints no terminal mask d either; its code has
-one.
+The paper prints `paper`, its code computes `official`, and the two differ greatly. A controller saturates, and at a saturated
+action log pi(b') falls without bound as the actor grows confident. In `paper`, the entropy bonus for this action, which the
+actor does *not* take, then outweighs the reward, and targets exceed the largest return, which is 1, many times over. The paper
+prints no terminal mask d either; its code has one.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def soft_loss(q_actor: Tensor, log_prob: Tensor, alpha: float) -> Tensor:
 
 
 def imitated(q_base: Tensor, q_actor: Tensor, coin: Tensor, share: float) -> Tensor:
-    """Marks of imitated transitions: each with probability lambda, or else where the controller's action has the larger Q.
+    """Mark imitated transitions: each with probability lambda, and all those in which the controller's action has the larger Q.
 
     Args:
         q_base, q_actor: min Q of the controller's and of the actor's action. [B].
@@ -127,10 +127,10 @@ def imitated(q_base: Tensor, q_actor: Tensor, coin: Tensor, share: float) -> Ten
 
 
 def imitation_loss(mode: Tensor, base: Tensor, mask: Tensor) -> Tensor:
-    """Squared distance of the actor's mean action from the controller's, where the mask says so.
+    """Return the mean squared distance of the actor's mean action from the controller's, over the masked transitions.
 
-    Where the actor wins, the paper's argmax is the actor's own action and the loss is zero; it is therefore divided by the
-    whole batch, and fades as the actor gets better.
+    If the actor's action has the larger Q, the paper's argmax is the actor's own action, and the loss is zero. The sum is
+    therefore divided by the size of the whole batch, and the loss fades as the actor gets better.
 
     Args:
         mode: tanh of the actor's mean. [B, 5].
@@ -149,7 +149,7 @@ def temperature_loss(log_alpha: Tensor, log_prob: Tensor, target_entropy: float)
     """Loss of log alpha, which rises while the entropy is below its target.
 
     Args:
-        log_alpha: Logarithm of the temperature, which is learnt. [].
+        log_alpha: Logarithm of the temperature, the learnt parameter. [].
         log_prob: log pi of the actor's action; no gradient flows to it. [B].
         target_entropy: Wanted mean of -log pi, nats.
     """
@@ -157,18 +157,18 @@ def temperature_loss(log_alpha: Tensor, log_prob: Tensor, target_entropy: float)
 
 
 class TargetAlarm:
-    """Watches critic targets: none can truly exceed the largest return.
+    """Watches critic targets, none of which can correctly exceed the largest return.
 
     Args:
         bound: Largest return.
-        margin: Overshoot that a young critic is allowed.
+        margin: Permitted overshoot, for critics early in the training.
     """
 
     def __init__(self, bound: float, margin: float = 0.1) -> None:
         self.bound, self.margin, self.count = bound, margin, 0
 
     def see(self, targets: Tensor) -> bool:
-        """Look at a batch of targets; warns the first time that one is too large. [B].
+        """Check a batch of targets, and warn the first time that one is too large. [B].
 
         Returns:
             Whether one of them is beyond the bound, or not finite.

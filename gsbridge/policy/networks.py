@@ -17,10 +17,10 @@ from gsbridge.policy.observation import POSITION, PRIVILEGED
 from gsbridge.sim.actions import SIZE
 
 LOG_STD = (-5.0, 2.0)
-"""Range of the logarithm of the standard deviations."""
+"""Range of the logarithm of an action's standard deviation before tanh."""
 
 EDGE = 1e-3
-"""Actions are cut to +-(1 - EDGE) before tanh^-1, which is infinite at 1: controllers saturate."""
+"""Actions are cut to +-(1 - EDGE) before tanh^-1, which is infinite at 1, since controllers give actions of 1."""
 
 CHANNELS = (16, 32, 32)
 HIDDEN = 256
@@ -31,7 +31,7 @@ class SoftArgmax(nn.Module):
     """Position at which each channel is large, and its value there."""
 
     def forward(self, features: Tensor) -> Tensor:
-        """Expected place and value of each channel.
+        """Return the expected place and value of each channel.
 
         Args:
             features: Feature maps of the pictures. [B, C, H, W].
@@ -49,7 +49,7 @@ class SoftArgmax(nn.Module):
 
 
 class Encoder(nn.Module):
-    """Three convolutions and a soft-argmax: places of features rather than pictures of them."""
+    """Three convolutions and a soft-argmax, which give the places of features instead of feature maps."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -84,11 +84,11 @@ class TanhGaussian:
 
     @property
     def mode(self) -> Tensor:
-        """Action of the mean. [B, 5]."""
+        """Action tanh(mean). [B, 5]."""
         return torch.tanh(self.mean)
 
     def sample(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Actions through which gradients flow, and their log probability.
+        """Draw actions through which gradients flow, and return them with their log probability.
 
         Args:
             generator: CPU generator.
@@ -101,7 +101,7 @@ class TanhGaussian:
         return torch.tanh(before), self._log_prob(before)
 
     def log_prob(self, action: Tensor) -> Tensor:
-        """Log probability density of given actions, which are cut to +-(1 - EDGE) for it. [B, 5] -> [B]."""
+        """Return the log probability density of given actions, first cut to +-(1 - EDGE). [B, 5] -> [B]."""
         return self._log_prob(torch.atanh(action.clamp(-1.0 + EDGE, 1.0 - EDGE)))
 
     def _log_prob(self, before: Tensor) -> Tensor:
@@ -112,10 +112,10 @@ class TanhGaussian:
 
 
 class Actor(nn.Module):
-    """Gives a distribution of actions, and a guess of where the object is, for a picture and proprioception.
+    """Maps a picture and proprioception to a distribution of actions and an estimate of the object's position.
 
     Args:
-        with_position: Whether it has the auxiliary head; a deployed policy does without.
+        with_position: Whether the network has the auxiliary head, which a deployed policy does not need.
     """
 
     def __init__(self, *, with_position: bool = True) -> None:
@@ -129,14 +129,14 @@ class Actor(nn.Module):
         )
 
     def forward(self, pictures: Tensor, proprio: Tensor) -> tuple[TanhGaussian, Tensor | None]:
-        """Distribution of actions and position of the object.
+        """Return the distribution of actions and the estimated position of the object.
 
         Args:
             pictures: -0.5..0.5, [B, 3, H, W].
             proprio: Proprioception. [B, 12].
 
         Returns:
-            The distribution, float32 [B, 5]; the position label's estimate, [B, 3], or None without the head.
+            The distribution, float32 [B, 5]; the estimate of the position label, [B, 3], or None without the head.
         """
         features = torch.cat([self.encoder(pictures), proprio], dim=1)
         hidden = self.body(features)
@@ -147,10 +147,10 @@ class Actor(nn.Module):
 
 
 class Critics(nn.Module):
-    """Estimate two action values from the privileged vector.
+    """Two critics, which estimate the action value from the privileged vector.
 
     Args:
-        bounded: Squash them to 0..1.
+        bounded: Whether a sigmoid bounds the values to 0..1.
     """
 
     def __init__(self, *, bounded: bool = False) -> None:
@@ -164,11 +164,11 @@ class Critics(nn.Module):
         )
 
     def forward(self, privileged: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        """Both values. [B, 30], [B, 5] -> [B], [B]."""
+        """Return both values. [B, 30], [B, 5] -> [B], [B]."""
         both = torch.cat([privileged, action], dim=1)
         values = self.first(both)[:, 0], self.second(both)[:, 0]
         return (torch.sigmoid(values[0]), torch.sigmoid(values[1])) if self.bounded else values
 
     def least(self, privileged: Tensor, action: Tensor) -> Tensor:
-        """The smaller of both. [B, 30], [B, 5] -> [B]."""
+        """Return the smaller of both values. [B, 30], [B, 5] -> [B]."""
         return torch.minimum(*self(privileged, action))

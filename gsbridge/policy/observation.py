@@ -1,9 +1,9 @@
-"""What actor and critics see, and the label of the auxiliary head: one place, for training and deployment.
+"""Inputs of actor and critics, and label of the auxiliary head; the same code for training and deployment.
 
-The **actor** sees the picture, scaled to -0.5..0.5, and the environment's `proprio` as it is (its module has the table). The
+The **actor** sees the picture, scaled to -0.5..0.5, and `proprio` as it is (`gsbridge.environment.proprioception`). The
 **critics** see no picture but the privileged vector, which no deployed policy needs:
 
-| entry | meaning | of 1 |
+| entry | meaning | unit |
 |---|---|---|
 | 0, 1, 2 | tool point from the middle of the start region, height over the table | 0.15 m |
 | 3, 4 | sine and cosine of the tool's yaw | |
@@ -16,12 +16,12 @@ The **actor** sees the picture, scaled to -0.5..0.5, and the environment's `prop
 | 16, 17, 18 | velocity of the object | 0.5 m/s |
 | 19, 20 | contact force of robot and of object with table or plate, tanh | 20 N |
 | 21, 22 | plate's middle minus object's origin; 0 without a plate | 0.15 m |
-| 23 | steps for which the goal has been met, of those needed | |
+| 23 | consecutive steps for which the goal has been met | steps needed |
 | 24 | 1 after excess contact, which forfeits the reward | |
 | 25 ... 29 | commanded minus measured tool pose and opening: entries 6 to 10 of `proprio` | an action |
 
-Entries are cut at +-10; what is not finite is 0. The **position label** is the object's origin minus the tool point, turned
-into the tool's yaw, in units of 0.1 m: what the wrist camera shows directly.
+Entries are cut at +-10; an entry that is not finite becomes 0. The **position label** is the object's origin minus the tool
+point, in units of 0.1 m, in a frame turned by the tool's yaw: this is what the wrist camera shows directly.
 
 Source: RL-GSBridge's code, whose critics see a state of 20 entries and no picture.
 """
@@ -52,18 +52,18 @@ _PLACE_M, _LABEL_M, _CLEARANCE_M, _SPEED, _FORCE = 0.15, 0.1, 0.1, 0.5, 20.0
 _COMMAND = slice(6, 11)
 
 Controller = Callable[[State], Array]
-"""Gives actions [N, 5] for the states of N worlds."""
+"""Function that returns actions [N, 5] for the states of N worlds."""
 
 
 @dataclass(frozen=True)
 class ObservedFrame:
-    """Place and sizes that the privileged vector is measured from.
+    """Reference points and sizes of the privileged vector.
 
     Args:
         centre: Middle of the start region, table frame, m. [2].
         stroke: Largest opening of the gripper, m.
         plate: Middle of the plate, m, [2]; None without one.
-        needed_steps: Steps in a row for which the goal must be met.
+        needed_steps: Consecutive steps for which the goal must be met.
     """
 
     centre: tuple[float, float]
@@ -84,12 +84,12 @@ class ObservedFrame:
 
 @dataclass(frozen=True)
 class TrainingState:
-    """What a training keeps of one state.
+    """One state, as a training stores it.
 
     Args:
-        image: uint8 [H, W, 3].
-        proprio: float32 [12].
-        privileged: float32 [30].
+        image: Picture of the wrist camera, uint8 [H, W, 3].
+        proprio: Proprioception, float32 [12].
+        privileged: Privileged vector, float32 [30].
         position: Label of the auxiliary head, float32 [3].
         base: The controller's action, float32 [5]; zeros without one.
     """
@@ -102,7 +102,7 @@ class TrainingState:
 
 
 class Observer:
-    """Makes a `TrainingState` of what an environment tells.
+    """Makes a `TrainingState` from an environment's observation and `info`.
 
     Args:
         frame: See `ObservedFrame`.
@@ -113,7 +113,7 @@ class Observer:
         self.frame, self.controller = frame, controller
 
     def __call__(self, observation: Mapping[str, Array], info: Mapping[str, Any]) -> TrainingState:
-        """One state, with what training keeps of it."""
+        """Return the present state, as a training stores it."""
         state = state_of(info)
         memory = np.array([[float(info["terms"].get(name, 0.0)) for name in ("streak", "excess")]])
         base = np.zeros(SIZE, np.float32) if self.controller is None else np.asarray(self.controller(state)[0], np.float32)
@@ -134,8 +134,8 @@ def privileged(state: State, proprio: Array, frame: ObservedFrame, memory: Array
         state: N worlds.
         proprio: Proprioception of N worlds. [N, 12].
         frame: See `ObservedFrame`.
-        memory: What the task remembers: steps for which the goal has been met, and excess contact, 0 or 1, [N, 2]; None for
-            zeros.
+        memory: Memory of the task: consecutive steps for which the goal has been met, and excess contact, 0 or 1, [N, 2]; None
+            for zeros.
 
     Returns:
         float32 [N, 30].
@@ -179,19 +179,19 @@ def position_label(state: State) -> Array:
 
 
 def picture(image: Tensor) -> Tensor:
-    """Pictures as the encoder takes them.
+    """Convert pictures to the encoder's input.
 
     Args:
         image: uint8 [B, H, W, 3].
 
     Returns:
-        float32 [B, 3, H, W], -0.5..0.5; a view of interleaved colours (channels last), which convolutions are fastest on.
+        float32 [B, 3, H, W], -0.5..0.5; a view of interleaved colours (channels last), on which convolutions are fastest.
     """
     return image.float().mul_(PICTURE_SCALE).add_(PICTURE_OFFSET).permute(0, 3, 1, 2)
 
 
 def actor_input(observation: Mapping[str, Array], image_size: int) -> tuple[Tensor, Tensor]:
-    """One observation of an environment, or of a robot, as the actor takes it.
+    """Convert one observation of an environment or a robot to the actor's input.
 
     Args:
         observation: `image`, uint8 [H, W, 3], and `proprio`, [12].
@@ -201,7 +201,7 @@ def actor_input(observation: Mapping[str, Array], image_size: int) -> tuple[Tens
         Picture [1, 3, H, W] and proprio [1, 12], float32.
 
     Raises:
-        InputError: Wrong type or shape, or not finite.
+        InputError: The observation has a wrong type or shape, or is not finite.
     """
     image, proprio = np.asarray(observation["image"]), np.asarray(observation["proprio"], np.float32)
     if image.dtype != np.uint8 or image.shape != (image_size, image_size, 3):
@@ -219,5 +219,5 @@ def actor_input(observation: Mapping[str, Array], image_size: int) -> tuple[Tens
 
 
 def _tame(values: Array) -> Array:
-    """Cut to the bound; a world that broke down is all zeros where it is not finite. float32."""
+    """Cut values to the bound; values that are not finite, as in a world that broke down, become zero. float32."""
     return np.clip(np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0), -BOUND, BOUND).astype(np.float32)

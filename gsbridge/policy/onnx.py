@@ -6,9 +6,9 @@
 | `proprio` | in | float32 | [1, 12] |
 | `action` | out | float32, -1..1 | [1, 5] |
 
-The graph is written node by node, not traced. It is small, PyTorch's exporters change from release to release (one computes
-in float64, another needs a further package), and the same weights so give the same bytes. The preprocessing of the picture is
-inside.
+The graph is small, so it is written node by node, not traced. PyTorch's exporters change from release to release (one computes
+in float64, another needs a further package), whereas here the same weights give the same bytes. The graph includes the
+preprocessing of the picture.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from gsbridge.sim.actions import SIZE
 
 MODEL = "policy.onnx"
 OPSET = 17
-"""Old enough for onnxruntime 1.12 of 2022, which robots' computers still carry."""
+"""Version of the operators; old enough for onnxruntime 1.12 of 2022, which robots' computers still have."""
 
 IR_VERSION = 8
 
@@ -43,14 +43,14 @@ TOLERANCE = 1e-5
 """Largest difference of an action between PyTorch and onnxruntime: both sum in float32, in another order."""
 
 LARGEST_GRAPH = 2**30
-"""Largest size of a graph, bytes. That of an actor has some megabytes."""
+"""Largest accepted size of a graph, bytes. An actor's graph has some megabytes."""
 
 _STRIDES = (2, 2, 1)
 _CHECKS = 16
 
 
 def export_onnx(folder: str | Path) -> float:
-    """Write `policy.onnx` beside a policy and compare both on random observations.
+    """Write `policy.onnx` beside a policy, and compare the two on random observations.
 
     Args:
         folder: Folder of `policy.safetensors` and `policy.json`.
@@ -86,9 +86,9 @@ class OnnxPolicy:
     """A policy run by onnxruntime; called like `gsbridge.policy.export.Policy`.
 
     Args:
-        session: What runs the graph.
+        session: The session of onnxruntime that runs the graph.
         image_size: Edge of the picture, px.
-        metadata: What the file says of itself: `sha256` of the weights, `task`, `algo`, `gsbridge`.
+        metadata: Metadata of the file: `sha256` of the weights, `task`, `algo`, `gsbridge`.
     """
 
     def __init__(self, session: onnxruntime.InferenceSession, image_size: int, metadata: Mapping[str, str]) -> None:
@@ -112,14 +112,14 @@ class OnnxPolicy:
 
 
 def load_onnx(folder: str | Path) -> OnnxPolicy:
-    """Read `policy.onnx`, and make sure that it is the policy beside it.
+    """Read `policy.onnx`, and check that it was made from the policy beside it.
 
     Raises:
         InputError: A file is missing or damaged, or the graph was made of other weights.
     """
     policy, remedy = load_policy(folder), "Export the policy again"
     path = regular_file(Path(folder) / MODEL, "graph", remedy, LARGEST_GRAPH)
-    # onnxruntime has a type of error for each status; all of them mean that the file is none it can run.
+    # onnxruntime has a type of error for each status; all of them mean that it cannot run the file.
     with refusing(path, "onnxruntime cannot run it", remedy):
         out = OnnxPolicy.of_bytes(path.read_bytes(), policy.image_size)
     if out.metadata.get("sha256") != policy.spec["sha256"]:
@@ -128,7 +128,7 @@ def load_onnx(folder: str | Path) -> OnnxPolicy:
 
 
 def build_graph(weights: Mapping[str, Array], image_size: int) -> onnx.ModelProto:
-    """The graph of an actor without its auxiliary head, without metadata.
+    """Build the graph of an actor, without its auxiliary head and without metadata.
 
     Args:
         weights: State of `gsbridge.policy.networks.Actor`, arrays by name. [...] float32 each.
@@ -167,7 +167,7 @@ def build_graph(weights: Mapping[str, Array], image_size: int) -> onnx.ModelProt
 
 
 def _soft_argmax(graph: _Graph, features: str, size: int) -> str:
-    """See `gsbridge.policy.networks.SoftArgmax`. [1, C, size, size] -> [1, 3 C]."""
+    """Add a soft-argmax as in `gsbridge.policy.networks.SoftArgmax`. [1, C, size, size] -> [1, 3 C]."""
     flat = graph.add("Flatten", graph.add("Squeeze", features, graph.constant("first", np.array([0]))), axis=1)
     share = graph.add("Softmax", flat, axis=1)
     line = np.linspace(-1.0, 1.0, size).astype(np.float32)
@@ -204,19 +204,19 @@ class _Graph:
 
 
 def _metadata(policy: Policy) -> dict[str, str]:
-    """What the graph says of itself."""
+    """Return the metadata of the graph."""
     return {name: str(policy.spec[name]) for name in ("sha256", "task", "algo") if name in policy.spec}
 
 
 def _difference(policy: Policy, other: OnnxPolicy) -> float:
-    """Largest difference of two policies over random observations; NaN where one gives none."""
+    """Return the largest difference of two policies over random observations; NaN if one of them gives NaN."""
     rng, size = np.random.default_rng(0), policy.image_size
     worst = 0.0
     for number in range(_CHECKS):
-        # Noise alone would never move the soft-argmax far; patches do.
+        # Pure noise would never move the soft-argmax far, so half of the pictures are coarse patches.
         coarse = rng.integers(0, 256, (8, 8, 3)).repeat(size // 8, 0).repeat(size // 8, 1)
         image = (coarse if number % 2 else rng.integers(0, 256, (size, size, 3))).astype(np.uint8)
         observation: dict[str, Array] = {"image": image, "proprio": rng.uniform(-2, 2, PROPRIO).astype(np.float32)}
-        # max() would pass over a NaN.
+        # max() would ignore a NaN.
         worst = float(np.maximum(worst, np.abs(policy(observation) - other(observation)).max()))
     return worst

@@ -1,4 +1,4 @@
-"""What the configuration says of policies, checked before any job starts."""
+"""Checks of the configuration of policies and worlds, before any job starts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AMENDED = "results/loop/model.yaml"
 """Simulation model that the loop amends."""
 
 SEEN = "results/picture_gap/{world}/model.yaml"
-"""Simulation model that the gap of pictures amends, for each world."""
+"""Simulation model that the picture gap amends, for each world."""
 
 
 def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
@@ -24,11 +24,11 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
 
     Args:
         config: The configuration, as `read_configuration` gives it.
-        root: Folder that models are named from.
+        root: Folder to which the paths of models are relative.
 
     Raises:
-        InputError: Settings of a variant contradict one another, its model does not exist, a world sets a hidden parameter
-            that there is not, or the loop names what is not configured.
+        InputError: Settings of a variant contradict one another, its model does not exist, a world sets an unknown hidden
+            parameter, or a list or loop names something that is not configured.
     """
     presets = {"": {}, **{f"presets.{name}.": preset for name, preset in config["presets"].items()}}
     for name, variant in config["variants"].items():
@@ -73,10 +73,11 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
 
 
 def _check_picture_gap(config: Mapping[str, Any]) -> None:
-    """Whether the loop of pictures can be run.
+    """Refuse settings with which the picture gap's loop cannot run.
 
     Raises:
-        InputError: It names what is not configured, a world is the reference, or a variant learns with another model.
+        InputError: It names something that is not configured, an amended world is the reference, or a variant learns with
+            another model.
     """
     photographed, cell = config["study"]["picture_gap"], config["study"]["cell"]
     for key in ("object", "background"):
@@ -110,7 +111,7 @@ def _check_picture_gap(config: Mapping[str, Any]) -> None:
 
 
 def _check_controls(config: Mapping[str, Any], place: str, names: Sequence[str]) -> None:
-    """Refuse controls of a loop that are no variants.
+    """Refuse controls of a loop that are not configured as variants.
 
     Args:
         config: The configuration.
@@ -118,7 +119,7 @@ def _check_controls(config: Mapping[str, Any], place: str, names: Sequence[str])
         names: Names of the controls.
 
     Raises:
-        InputError: One is none.
+        InputError: A control is not configured as a variant.
     """
     for name in names:
         if name not in config["variants"]:
@@ -127,10 +128,11 @@ def _check_controls(config: Mapping[str, Any], place: str, names: Sequence[str])
 
 
 def _check_loop(config: Mapping[str, Any]) -> None:
-    """Whether the closed loop can be run.
+    """Refuse settings with which the closed loop cannot run.
 
     Raises:
-        InputError: It names what is not configured, its worlds are one, or its variant learns with another model.
+        InputError: It names something that is not configured, both of its worlds are the same, or its variant learns with
+            another model.
     """
     loop = config["loop"]
     _check_controls(config, "loop.controls", loop["controls"])

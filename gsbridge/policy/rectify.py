@@ -1,7 +1,7 @@
-"""Pictures of any camera as a policy takes them: cropped to its angle of view, without distortion, shrunk.
+"""Conversion of any camera's pictures to a policy's input: cropped to its angle of view, undistorted and shrunk.
 
-Every pixel of the policy's picture is the mean of the light that falls on it, as in a camera with large pixels, and as the
-colours of the wrist camera are calibrated. A picture that has the policy's intrinsics already stays as it is, bit by bit.
+Every pixel of the policy's picture is the mean of the light that falls on it, as in a camera with large pixels; the calibration
+of the wrist camera's colours averages likewise. A picture that already has the policy's intrinsics stays as it is, bit by bit.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, srgb_from_linear, to_u8
 
 MISSING = 0.02
-"""Share of the policy's edge that the camera may miss on each side; the picture's edge is repeated there. Two cameras of the
-same kind differ by 1 % in focal length."""
+"""Largest share of the policy's picture that the camera may miss on each side; the edge of the camera's picture is repeated
+there. Two cameras of the same kind differ by 1 % in focal length."""
 
 _FINEST = 16
 _LIGHT = linear_from_srgb(np.arange(256, dtype=np.float32) / 255.0)
@@ -27,7 +27,7 @@ class Rectifier:
 
     Args:
         source: The camera on the robot, with its distortion.
-        target: Pinhole of the policy's picture; of the same axes.
+        target: Pinhole of the policy's picture, with the same place and axes.
 
     Raises:
         InputError: The source does not see what the target shows.
@@ -38,25 +38,25 @@ class Rectifier:
         if source == target:
             self._map = None
             return
-        # As many rays per pixel of the target as it has pixels of the source.
+        # Per pixel of the target, take as many rays as it covers pixels of the source.
         wanted = max(source.fx / target.fx, source.fy / target.fy)
         self._fine = int(np.clip(np.ceil(wanted - 1e-9), 1, _FINEST))
         rays = target.scaled(self._fine).pixel_rays()
         pixels = source.project(rays)
         _check(pixels, source, target)
-        # Only this part of the picture is decoded.
+        # Only this part of the picture is converted to light.
         size = [source.width, source.height]
         low = np.clip(np.floor(pixels.min((0, 1))) - 1, 0, size).astype(int)
         high = np.clip(np.ceil(pixels.max((0, 1))) + 1, 0, size).astype(int)
         self._part = slice(low[1], high[1]), slice(low[0], high[0])
-        # OpenCV counts pixels from their centres.
+        # In OpenCV, pixel centres have whole coordinates; here they have halves.
         self._map = tuple(np.ascontiguousarray(pixels[..., k] - low[k] - 0.5, np.float32) for k in (0, 1))
 
     def __call__(self, image: Array) -> Array:
-        """The picture as the target sees it.
+        """Return the picture as the target sees it.
 
         Args:
-            image: RGB, sRGB, of the source. uint8 [H, W, 3].
+            image: Picture of the source, RGB, sRGB. uint8 [H, W, 3].
 
         Returns:
             uint8 [target height, target width, 3].
@@ -83,7 +83,7 @@ class Rectifier:
 
 
 def _check(pixels: Array, source: Camera, target: Camera) -> None:
-    """Make sure that the rays of the target fall on the picture of the source, in their order. [H, W, 2]."""
+    """Check that the rays of the target fall on the picture of the source, and in the same order. [H, W, 2]."""
     across, down = np.diff(pixels[..., 0], axis=1), np.diff(pixels[..., 1], axis=0)
     if not (np.isfinite(pixels).all() and (across > 0).all() and (down > 0).all()):
         raise InputError("driver: camera", "its distortion folds the picture", "Calibrate it again, with tags near the edges")

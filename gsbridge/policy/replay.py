@@ -1,8 +1,9 @@
 """The replay buffer: a ring of states that holds each frame once.
 
 A slot holds one state. The transition that starts in it ends in the next slot, so that an episode of T steps takes T + 1 slots
-and its pictures are stored once. The last state of an episode starts no transition. **Termination** ends the value,
-**truncation** does not: its last state is there, and the target looks at it like at any other.
+and its pictures are stored once. The last state of an episode starts no transition. After a **termination**, the target
+contains no value of the next state. After a **truncation** it does: the last state is stored, and its value is used like any
+other.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from gsbridge.sim.actions import SIZE
 
 @dataclass(frozen=True)
 class Batch:
-    """Transitions; pictures uint8 [B, H, W, 3], all else float32. `next_` is at the state that the step led to.
+    """Transitions; pictures uint8 [B, H, W, 3], all else float32. `next_` marks the state that the step led to.
 
     Args:
         image, next_image: Pictures before and after the action. [B, H, W, 3] uint8.
@@ -35,9 +36,9 @@ class Batch:
         privileged, next_privileged: Privileged vectors before and after the action. [B, 30].
         base, next_base: The controller's actions. [B, 5].
         position: Label of the auxiliary head. [B, 3].
-        action: What was done. [B, 5].
+        action: The action taken. [B, 5].
         reward: Reward for the action. [B].
-        terminated: 1 where the episode ended by its task, else 0. [B].
+        terminated: 1 if the task ended the episode, else 0. [B].
     """
 
     image: Tensor
@@ -54,7 +55,7 @@ class Batch:
     terminated: Tensor
 
     def to(self, device: str) -> Batch:
-        """This batch on a device of torch."""
+        """Return this batch on a device of torch."""
         return Batch(**{name: value.to(device) for name, value in vars(self).items()})
 
 
@@ -62,7 +63,7 @@ class Replay:
     """Replay buffer of transitions; see the module.
 
     Args:
-        capacity: Slots.
+        capacity: Number of slots.
         image_size: Edge of the pictures, px.
     """
 
@@ -82,7 +83,7 @@ class Replay:
         self._next, self._filled, self._open = 0, 0, False
 
     def __len__(self) -> int:
-        """Transitions that can be drawn."""
+        """Number of transitions that can be drawn."""
         return int(self._arrays["starts"].sum())
 
     @property
@@ -99,11 +100,11 @@ class Replay:
         """Store a step from the state stored last.
 
         Args:
-            action: What was done. [5].
+            action: The action taken. [5].
             reward: Reward for the action.
-            terminated: The task ended the episode; False for a truncation.
-            state: The state that it led to.
-            ended: The episode is over, in either way; the next call must be `begin`.
+            terminated: Whether the task ended the episode; False for a truncation.
+            state: The state that the action led to.
+            ended: Whether the episode is over, in either way; the next call must then be `begin`.
 
         Raises:
             ValueError: No episode has begun.
@@ -120,11 +121,11 @@ class Replay:
         """Draw transitions uniformly, with repetition.
 
         Args:
-            count: B.
+            count: Number of transitions, B.
             rng: Random generator.
 
         Raises:
-            ValueError: There is none.
+            ValueError: The buffer holds no transition.
         """
         choices = np.flatnonzero(self._arrays["starts"])
         if len(choices) == 0:
@@ -166,7 +167,7 @@ class Replay:
         return out
 
     def _store(self, state: TrainingState) -> None:
-        """Fill the next slot; the transition that started in it is gone."""
+        """Fill the next slot, which discards the transition that started in it."""
         for name in ("image", "proprio", "privileged", "base", "position"):
             self._arrays[name][self._next] = getattr(state, name)
         self._arrays["starts"][self._next] = False

@@ -1,6 +1,6 @@
-"""Trials of an arm with a person beside it: where to place the object, what the person saw, and a row of a CSV file.
+"""Trials of an arm with a person beside it, who places the object and judges; each trial becomes a row of a CSV file.
 
-Columns, of which later stages need `pose_set`, `index` and `success` only: see `COLUMNS`. Lengths in m, angles in rad, in the
+The columns are `COLUMNS`; later stages need only `pose_set`, `index` and `success`. Lengths are in m and angles in rad, in the
 table frame.
 """
 
@@ -42,7 +42,7 @@ class StartPose:
         pose_set: Name of a set of start poses.
         index: 0 to 31.
         x, y: Middle of the object's footprint, table frame, m.
-        yaw: Turn of the object from how it lay when it was filmed, rad.
+        yaw: Turn of the object about the vertical from how it lay when it was filmed, rad.
     """
 
     pose_set: str
@@ -57,7 +57,7 @@ class StartPose:
         return QUADRANTS[self.index // PER_QUADRANT]
 
     def describe(self) -> str:
-        """Instruction for the person who places the object."""
+        """Return the instruction for the person who places the object."""
         turn = np.degrees(self.yaw)
         side = "counterclockwise" if turn >= 0 else "clockwise"
         return (
@@ -74,7 +74,7 @@ class Verdict:
     Args:
         success: Whether it succeeded by all rules of the task.
         success_tolerant: Whether it succeeded when excess contact is forgiven.
-        failure: Word of `Failure`; empty for a success, and where nobody said why.
+        failure: Word of `Failure`; empty for a success, or if no reason was given.
     """
 
     success: bool
@@ -83,7 +83,7 @@ class Verdict:
 
 
 def start_poses(settings: EnvironmentSettings, name: str, index: str) -> list[StartPose]:
-    """Poses that a person asks for.
+    """Return the start poses that a person asks for.
 
     Args:
         settings: Settings of the policy's environment.
@@ -98,7 +98,7 @@ def start_poses(settings: EnvironmentSettings, name: str, index: str) -> list[St
     poses = pose_set(name, settings.region(), settings.pose_seed)
     first, dash, last = ("0", "-", str(len(poses) - 1)) if index == "all" else index.partition("-")
     last = last if dash else first
-    # Python reads no number of more than some thousand digits.
+    # Python refuses to convert numbers of more than some thousand digits.
     numbers = len(index) < 100 and first.isdecimal() and last.isdecimal()
     if not (numbers and int(first) <= int(last) < len(poses)):
         raise InputError("index", f"'{index[:100]}' names no pose", f"Give 0 to {len(poses) - 1}, a range such as 0-7, or all")
@@ -106,19 +106,19 @@ def start_poses(settings: EnvironmentSettings, name: str, index: str) -> list[St
 
 
 class Person:
-    """Who stands beside the arm: places objects and judges.
+    """The person beside the arm, who places objects and judges.
 
     Args:
         task: `grasp` or `pick_and_place`.
         ask: Shows a question and returns the answer, such as `input`.
-        rest: Opens the hand and drives to the rest posture; None where the arm must not move.
+        rest: Opens the hand and drives to the rest posture; None if the arm must not move.
     """
 
     def __init__(self, task: str, ask: Callable[[str], str], rest: Callable[[], None] | None) -> None:
         self.task, self.ask, self.rest = task, ask, rest
 
     def place(self, pose: StartPose) -> None:
-        """Have the object placed, by an arm that is out of the way and holds nothing."""
+        """Have the object placed, after the hand is emptied and the arm is in its rest posture."""
         if self.rest is not None:
             self.ask("Take what the hand holds. Enter opens it and drives the arm to its rest posture: ")
             self.rest()
@@ -129,7 +129,7 @@ class Person:
         return False
 
     def judge(self, log: EpisodeLog) -> Verdict | None:
-        """Ask how it went; None where the trial does not count and is to be repeated."""
+        """Ask how the trial went; None if it does not count and is to be repeated."""
         goal = "lifted and held" if self.task == "grasp" else "set down on the plate and let go"
         told = f"The episode ended after {log.steps} steps ({log.end.value}). "
         answer = self._choose(f"{told}Was the object {goal}? [y]es, [n]o, [r]epeat, it does not count: ", "ynr")
@@ -151,7 +151,7 @@ class Person:
                 return answer
 
     def _word(self, question: str) -> str:
-        """A reason, or nothing."""
+        """Ask until the answer is a word of `FAILURES` or empty; return it."""
         while True:
             answer = self.ask(question).strip().lower()
             if answer in ("", *FAILURES):
@@ -165,7 +165,7 @@ class TrialFile:
         path: The file; it need not exist.
 
     Raises:
-        InputError: It is no table of trials.
+        InputError: The file is no table of trials.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -187,16 +187,16 @@ class TrialFile:
                 raise InputError(self.path, f"its row {number} is no trial", f"Correct the row, or n{_ANOTHER[1:]}")
 
     def holds(self, pose: StartPose) -> bool:
-        """Whether the pose was tried."""
+        """Whether the file has a trial from the pose."""
         return any(self._same(row, pose) for row in self.rows)
 
     def add(self, pose: StartPose, verdict: Verdict, log: EpisodeLog) -> None:
         """Add a trial and write the file; an earlier trial from the same pose is replaced.
 
         Args:
-            pose: Where the object started.
-            verdict: How it ended.
-            log: What happened.
+            pose: Start pose of the object.
+            verdict: Judgement of the trial.
+            log: Log of the episode.
         """
         row = {
             "pose_set": pose.pose_set,
@@ -223,15 +223,15 @@ class TrialFile:
 
 
 def still_to_try(poses: Sequence[StartPose], file: TrialFile | None, *, redo: bool) -> list[StartPose]:
-    """Poses that have no trial yet.
+    """Return the poses that have no trial yet.
 
     Args:
         poses: Poses that were asked for.
-        file: Trials so far; None for none.
+        file: File with the trials so far; None if there is none.
         redo: Whether poses that have a trial are tried again.
 
     Raises:
-        InputError: Every one has a row.
+        InputError: Every pose has a trial already.
     """
     if file is None or redo:
         return list(poses)

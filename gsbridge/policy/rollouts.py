@@ -20,20 +20,20 @@ Seen = tuple[dict[str, Array], dict[str, Any]]
 
 
 class Rollouts:
-    """See the module. Every episode begins with a seed of its own, whichever environment it is played in.
+    """Several environments, one process each. Every episode has its own seed, whichever environment plays it.
 
     Args:
-        makers: Functions that make one environment each, all alike.
+        makers: Functions that make one environment each; all environments are alike.
     """
 
     def __init__(self, makers: Sequence[Callable[[], gymnasium.Env]]) -> None:
-        # Forked: the main module of a job is a script, which a fresh interpreter would run a second time.
+        # Forked, since the main module of a job is a script, which a fresh interpreter would run a second time.
         alone = [partial(_undisturbed, maker) for maker in makers]
         self._vector = AsyncVectorEnv(alone, autoreset_mode=AutoresetMode.DISABLED, context="fork")
         self._processes = [psutil.Process(process.pid) for process in self._vector.processes]
 
     def __len__(self) -> int:
-        """Environments."""
+        """Number of environments."""
         return int(self._vector.num_envs)
 
     def begin(self, seeds: Mapping[int, int]) -> dict[int, Seen]:
@@ -43,7 +43,7 @@ class Rollouts:
             seeds: Seeds of the episodes, by number of the environment.
 
         Returns:
-            What is seen first, by number.
+            Observation and `info` of each first state, by number of the environment.
         """
         chosen = np.array([number in seeds for number in range(len(self))])
         listed = [seeds.get(number) for number in range(len(self))]
@@ -51,13 +51,13 @@ class Rollouts:
         return {number: _one(observations, infos, number) for number in seeds}
 
     def step(self, actions: Array) -> list[tuple[Seen, float, bool, bool]]:
-        """A step of all environments.
+        """Take a step in all environments.
 
         Args:
             actions: Action of each environment. [N, 5].
 
         Returns:
-            Of each what is seen, the reward, and whether the episode is terminated or truncated.
+            For each environment: observation and `info`, the reward, and whether the episode is terminated or truncated.
         """
         observations, rewards, terminated, truncated, infos = self._vector.step(actions)
         return [
@@ -66,11 +66,11 @@ class Rollouts:
         ]
 
     def cpu_seconds(self) -> float:
-        """CPU seconds of the environments' processes so far, s."""
+        """Return the CPU time that the environments' processes have used so far, s."""
         return sum(times.user + times.system for times in (process.cpu_times() for process in self._processes))
 
     def close(self) -> None:
-        """End the processes, also those that are in the middle of something or gone."""
+        """End the processes, including those that are in the middle of a step or have ended already."""
         for process in self._vector.processes:
             process.terminate()
         for process in self._vector.processes:
@@ -79,14 +79,14 @@ class Rollouts:
 
 
 def _undisturbed(maker: Callable[[], gymnasium.Env]) -> gymnasium.Env:
-    """An environment whose process leaves Ctrl-C to its parent, which ends it."""
+    """Make an environment whose process ignores Ctrl-C; its parent handles that and ends the process."""
     if multiprocessing.parent_process() is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     return maker()
 
 
 def _one(observations: Mapping[str, Array], infos: Mapping[str, Any], number: int) -> Seen:
-    """Copy of what one environment saw: the vector draws its next pictures into the same memory."""
+    """Copy the observation and `info` of one environment: the vector draws its next pictures into the same memory."""
     return {name: np.array(values[number]) for name, values in observations.items()}, _row(infos, number)
 
 

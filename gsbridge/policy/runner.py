@@ -26,21 +26,21 @@ from gsbridge.robot.reach import tool_down
 logger = logging.getLogger("gsbridge")
 
 Policy = Callable[[Mapping[str, Array], Mapping[str, object]], Array]
-"""Gives an action for an observation, and an empty mapping in place of the trials' `info`."""
+"""Function that returns an action for an observation and, in place of the trials' `info`, an empty mapping."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything that an arm runs with, from episode to episode.
+    """All that stays the same from episode to episode of an arm.
 
     Args:
-        interface: What the policy asks for.
+        interface: Inputs and outputs of the policy.
         driver: The arm.
-        registration: Where table and camera are.
-        clock: Time of the loop.
-        limits: When to stop.
-        rectify: Makes the policy's picture.
-        base_from_table: From the registration. [4, 4].
+        registration: Registered poses of table and camera.
+        clock: Clock of the control loop.
+        limits: Limits beyond which an episode ends.
+        rectify: Makes the policy's picture from the camera's.
+        base_from_table: Pose of the table, from the registration. [4, 4].
 
     Raises:
         InputError: Registration, camera and policy do not belong together.
@@ -68,7 +68,7 @@ class Setup:
 
     @property
     def base_from_table(self) -> Array:
-        """Place of the table. [4, 4]."""
+        """Registered pose of the table in the base frame. [4, 4]."""
         return self.registration.base_from_table
 
 
@@ -81,28 +81,28 @@ def run_policy(
     until: Callable[[], bool] | None = None,
     log: EpisodeLog | None = None,
 ) -> EpisodeLog:
-    """Run one episode. The driver is stopped at its end in any case, also after an error or Ctrl-C, which are passed on.
+    """Run one episode. The driver is always stopped at its end, also after an error or Ctrl-C, which are raised again.
 
     Args:
-        policy: What acts.
+        policy: The policy that acts.
         setup: The arm.
-        steps: Steps to take; None for as many as an episode of the training has.
-        dry_run: Neither drive to the rest posture nor command; the arm stays where it is.
-        until: Asked after each step; true ends the episode as done. A real arm has none: a person judges afterwards.
-        log: Filled as the episode goes on; None for a new one.
+        steps: Largest number of steps; None for as many as in the training.
+        dry_run: Whether to give no commands and not to drive to the rest posture; the arm stays where it is.
+        until: Called after each step; if it returns true, the episode is done. With a real arm, a person judges afterwards.
+        log: Log to fill during the episode; None for a new one.
 
     Returns:
-        The log, `log` itself where it is given.
+        The log; `log` itself if it is given.
 
     Raises:
-        InputError: The arm does not stand where episodes begin, or its picture does not fit its intrinsics.
+        InputError: The tool is not in the pose in which episodes begin, or the picture does not fit the camera's intrinsics.
     """
     log = EpisodeLog() if log is None else log
     log.dry_run = dry_run
     driver = setup.driver
     loop = _Loop(policy, setup, log)
     try:
-        # Before the arm moves: the first call of a network takes longer than a step.
+        # Before the arm moves, since the first call of a network takes longer than a step.
         loop.warm_up()
         if not dry_run:
             driver.rest()
@@ -130,7 +130,7 @@ class _Loop:
         self._before: Reached | None = None
 
     def warm_up(self) -> None:
-        """Let the policy act once on nothing."""
+        """Let the policy act once on an empty observation."""
         camera = self.setup.interface.camera
         blank: dict[str, Array] = {
             "image": np.zeros((camera.height, camera.width, 3), np.uint8),
@@ -170,7 +170,7 @@ class _Loop:
             if late > self.setup.limits.stall:
                 return End.STALLED
             if late > 0:
-                # The next period begins now: making up for lost time would send commands in a burst.
+                # The next period begins now, since catching up would send commands in a burst.
                 moment = clock.now()
             else:
                 clock.wait_until(moment)
@@ -182,7 +182,7 @@ class _Loop:
         return End.TIME_OUT
 
     def _measure(self) -> tuple[End | None, Array | None]:
-        """Read the arm; what is wrong, and `table_from_tool`, None where it is no pose."""
+        """Read the arm; return why the episode must end, or None, and `table_from_tool`, None if the reading is no pose."""
         reading = self.setup.driver.measure()
         end, pose = self.guard.reading(reading, self._table_from_base)
         if pose is not None:
@@ -190,7 +190,7 @@ class _Loop:
         return end, pose
 
     def _decide(self) -> tuple[End | None, Array, tuple[Array, float, float]]:
-        """Take a picture and decide on a command in the table frame."""
+        """Take a picture; return why the episode must end, or None, the action, and the command in the table frame."""
         raw = self.setup.driver.image()
         picture = self.setup.rectify(raw)
         if self.log.keep_pictures:

@@ -1,4 +1,4 @@
-"""When a policy must not go on: checks of what an arm measures, sees and is told, between policy and hardware."""
+"""Safety checks between policy and hardware: of measurements, pictures, actions and commands."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ class End(StrEnum):
     """Why an episode ended."""
 
     TIME_OUT = "time_out"
-    """All its steps were taken: how episodes of a real arm end."""
+    """All its steps were taken; episodes of a real arm normally end so."""
     DONE = "done"
     """The task's rules saw a success."""
     BAD_ACTION = "bad_action"
     """The policy's action is not finite or has another shape."""
     BAD_READING = "bad_reading"
-    """The arm measured something that is no pose, or not finite."""
+    """The arm's measurement is no pose, or not finite."""
     JUMP = "jump"
     """The tool was measured farther from its last place than an arm can move in a step."""
     TILT = "tilt"
     """The tool no longer points down."""
     OUTSIDE = "outside"
-    """The tool was measured outside its room."""
+    """The tool was measured outside the workspace."""
     LARGE_STEP = "large_step"
-    """The next command is farther from the tool than the tether allows: the runner itself is at fault."""
+    """The next command is farther from the tool than the tether allows, which means an error in the runner itself."""
     REFUSED = "refused"
     """The arm refused several commands in a row."""
     FROZEN = "frozen"
-    """The camera delivers one and the same picture."""
+    """The camera delivers the same picture again and again."""
     STALLED = "stalled"
     """A step took far too long."""
     INTERRUPTED = "interrupted"
@@ -51,12 +51,12 @@ class Limits:
     """Limits beyond which a guard ends the episode.
 
     Args:
-        jump: Way of the tool within one step, m.
+        jump: Distance that the tool moves within one step, m.
         turn: Turn of the tool within one step, rad.
         tilt: Angle of the tool from the vertical, rad.
-        margin: Way out of the workspace, m: an arm overshoots, and starts above it.
-        refusals: Refused commands in a row.
-        frozen: Equal pictures in a row; None for worlds, whose pictures have no noise.
+        margin: Distance of the tool outside the workspace, m; not zero, since an arm overshoots and starts above it.
+        refusals: Consecutive commands that the arm refuses.
+        frozen: Consecutive equal pictures; None for simulated worlds, whose pictures have no noise.
         stall: Delay of a step, s.
 
     Raises:
@@ -78,7 +78,7 @@ class Limits:
 
 
 class Guard:
-    """Watches one episode.
+    """Checks all measurements, pictures, actions and commands of one episode.
 
     Args:
         limits: See `Limits`.
@@ -93,14 +93,14 @@ class Guard:
         self._equal = self._refused = 0
 
     def reading(self, reading: Reading, table_from_base: Array) -> tuple[End | None, Array | None]:
-        """Judge a measurement; the next is judged by its distance from this one.
+        """Check a measurement, also by its distance from the one before.
 
         Args:
             reading: What the arm measured.
             table_from_base: Pose of the robot's base in the table frame. [4, 4].
 
         Returns:
-            What is wrong, or None; and `table_from_tool`, [4, 4], or None where the reading is no pose.
+            Why the episode must end, or None; and `table_from_tool`, [4, 4], or None if the reading is no pose.
         """
         pose = np.asarray(reading.base_from_tool, dtype=np.float64)
         if pose.shape != (4, 4) or not (np.isfinite(pose).all() and np.isfinite(reading.aperture)):
@@ -112,10 +112,10 @@ class Guard:
         return self._moved(table_from_tool, reading.aperture), table_from_tool
 
     def _moved(self, table_from_tool: Array, aperture: float) -> End | None:
-        """Judge a pose by itself and by the one before. [4, 4]."""
+        """Check a pose by itself and against the one before. [4, 4]."""
         now, last = Reached.of_pose(table_from_tool, aperture), self._last
         self._last = now
-        # The tool's z points down, so that its table z is near -1.
+        # The tool's z axis points down, so that its z component in the table frame is near -1.
         if np.arccos(np.clip(-table_from_tool[2, 2], -1.0, 1.0)) > self.limits.tilt:
             return End.TILT
         beyond = np.maximum(np.array(self.workspace.lower) - now.position, now.position - self.workspace.upper)
@@ -128,7 +128,7 @@ class Guard:
         return None
 
     def picture(self, image: Array) -> End | None:
-        """Judge a raw picture. [H, W, 3] uint8."""
+        """Check that a raw picture differs from those before. [H, W, 3] uint8."""
         if self.limits.frozen is None:
             return None
         same = self._picture is not None and np.array_equal(self._picture, image)
@@ -138,7 +138,7 @@ class Guard:
         return End.FROZEN if self._equal >= self.limits.frozen else None
 
     def action(self, action: Array) -> End | None:
-        """Judge what the policy wants. [5]."""
+        """Check the policy's action. [5]."""
         try:
             values = np.asarray(action, dtype=np.float64)
         except (TypeError, ValueError):
@@ -146,7 +146,7 @@ class Guard:
         return None if values.shape == (5,) and np.isfinite(values).all() else End.BAD_ACTION
 
     def command(self, position: Array, yaw: float, reached: Reached) -> End | None:
-        """Judge the next command, which leaves the tether only where the workspace's wall pulls it back inside.
+        """Check the next command; it may leave the tether only if the workspace's boundary pulls it back inside.
 
         Args:
             position: Commanded tool point, table frame, m. [3].
@@ -154,16 +154,16 @@ class Guard:
             reached: Measured tool pose of the same step.
 
         Returns:
-            Why the episode must end; None where the command is sound.
+            Why the episode must end; None if the command is sound.
         """
         inside = self.workspace.clip(reached.position, reached.yaw)
         reach, turn = (TETHER + 1.0) * self.scale.position + 1e-9, (TETHER + 1.0) * self.scale.yaw + 1e-9
-        # The command is held to within `TETHER` actions of the arm, and one action more is added to it.
+        # The last command is held to within `TETHER` actions of the arm, and one more action is added.
         if (np.abs(position - inside[0]) > reach).any() or abs((yaw - inside[1] + np.pi) % (2 * np.pi) - np.pi) > turn:
             return End.LARGE_STEP
         return None
 
     def accepted(self, answer: bool | None) -> End | None:
-        """Judge the driver's answer to a command."""
+        """Count the commands that the driver refuses in a row, and check their number."""
         self._refused = self._refused + 1 if answer is False else 0
         return End.REFUSED if self._refused >= self.limits.refusals else None

@@ -21,16 +21,16 @@ logger = logging.getLogger("gsbridge")
 
 
 class Operator(Protocol):
-    """Who sets up and judges episodes: a person, or a world's referee."""
+    """Sets up and judges episodes: a person, or a world's referee."""
 
     def place(self, pose: StartPose) -> None:
-        """Have the object stand there, and nobody near the arm."""
+        """Have the object placed at the start pose, and nobody near the arm."""
 
     def over(self) -> bool:
         """Whether the episode is to end early; asked after each step."""
 
     def judge(self, log: EpisodeLog) -> Verdict | None:
-        """Judge the trial that has ended; None where it does not count and is to be repeated."""
+        """Judge the trial that has ended; None if it does not count and is to be repeated."""
 
 
 class WorldOperator:
@@ -65,15 +65,15 @@ class WorldOperator:
 
 @dataclass(frozen=True)
 class Plan:
-    """Episodes to run, and what to do with them.
+    """Episodes to run, and where their results go.
 
     Args:
         poses: Start poses; empty for one episode from wherever the object lies, which is no trial and is not judged.
-        out: Folder of the episodes' logs; None for none.
-        trials: File of trials; None for none.
+        out: Folder of the episodes' logs; None for no logs.
+        trials: File to add trials to; None to add them to none.
         steps: Steps of an episode; None for as many as in the training.
-        dry_run: Give no commands, judge nothing.
-        pictures: Keep the pictures in the logs.
+        dry_run: Whether to give no commands and to judge nothing.
+        pictures: Whether to keep the pictures in the logs.
     """
 
     poses: Sequence[StartPose] = ()
@@ -87,20 +87,20 @@ class Plan:
 def run_session(
     policy: Policy, setup: Setup, operator: Operator, plan: Plan, facts: Mapping[str, Any]
 ) -> list[tuple[EpisodeLog, Verdict | None]]:
-    """Run episodes one after the other; each leaves its log and its row before the next begins.
+    """Run episodes one after the other; the log and the trial's row of each are written before the next begins.
 
     Args:
-        policy: What acts.
+        policy: The policy that acts.
         setup: The arm.
-        operator: Places and judges.
-        plan: What is done.
-        facts: What every log says of policy, driver and registration.
+        operator: Places the object and judges.
+        plan: Episodes to run, and where their results go.
+        facts: Entries of every log on policy, driver and registration.
 
     Returns:
-        Log and verdict of each episode, in order; no verdict where it was not judged or did not count.
+        Log and verdict of each episode, in order; the verdict is None if the episode was not judged or did not count.
 
     Raises:
-        InputError: As `run_policy`; the log of what came before is written.
+        InputError: As `run_policy`; the log up to the error is written.
     """
     done: list[tuple[EpisodeLog, Verdict | None]] = []
     for pose in plan.poses or (None,):
@@ -118,7 +118,7 @@ def run_session(
 def _episode(
     policy: Policy, setup: Setup, operator: Operator, plan: Plan, pose: StartPose | None, facts: Mapping[str, Any]
 ) -> tuple[EpisodeLog, Verdict | None]:
-    """One episode with its log."""
+    """Place the object, run one episode, have it judged, and write its log."""
     log, verdict = EpisodeLog(keep_pictures=plan.pictures), None
     if pose is not None:
         _place(setup, operator, pose)
@@ -138,7 +138,7 @@ def _episode(
 
 
 def _place(setup: Setup, operator: Operator, pose: StartPose) -> None:
-    """Have the object placed; the arm may move for it."""
+    """Have the object placed; stop the arm, which may move for this, after an error."""
     try:
         operator.place(pose)
     except BaseException:
@@ -147,7 +147,7 @@ def _place(setup: Setup, operator: Operator, pose: StartPose) -> None:
 
 
 def _free_stem(folder: Path, pose: StartPose | None) -> Path:
-    """A name that no earlier episode has: nothing is overwritten."""
+    """Return a path that no earlier episode has, so that nothing is overwritten."""
     name = "episode" if pose is None else f"{pose.pose_set}_{pose.index:02d}"
     number = 1
     while (folder / (name if number == 1 else f"{name}_{number}")).with_suffix(".json").exists():

@@ -1,4 +1,4 @@
-"""The stage that trains one policy: from files to a policy, its curve and a record."""
+"""The stage that trains one policy: it reads files, and writes the policy, its curve and a record."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from gsbridge.policy.trainer import Trainer, Training
 from gsbridge.sim.model import read_model
 
 ENOUGH = 0.95
-"""Success at which a policy counts as trained, for the time that it took."""
+"""Success rate at which a policy counts as trained, for the figure of CPU seconds until then."""
 
 POOR = 0.9
-"""A policy that succeeds less often in the world that it was trained in is degraded."""
+"""Success rate in the world of the training below which a policy is degraded."""
 
 RINGING = 0.05
-"""Critics count as diverging if at least this share of updates had targets beyond the largest return; early on some do."""
+"""Critics count as diverging if more than this share of updates had targets beyond the largest return; early on, some have."""
 
 
 def train_policy(
@@ -51,7 +51,7 @@ def train_policy(
         record: Record of the stage.
         seed: Seed of everything random.
         state: Folder of checkpoints; it is removed at the end.
-        controller_offset: Error of the baseline controller, see `BiasedController`, m and rad. [4].
+        controller_offset: Offset of the baseline controller, see `BiasedController`, m and rad. [4].
         unchanged_teacher: Whether the controller ignores the model's delay.
 
     Raises:
@@ -103,9 +103,10 @@ def train_policy(
 
 
 def cpu_seconds_to(rows: list[Row], success: float) -> float | None:
-    """CPU seconds of acting and learning, rendering included, until an evaluation first reached a success; None if none did.
+    """Return the CPU seconds until an evaluation first reached a success rate; None if none did.
 
-    Evaluations are left out: the settings choose their number, and nothing is learned from them.
+    They include acting, learning and rendering, but not evaluations: the settings choose how many there are, and nothing is
+    learned from them.
     """
     for row in rows:
         if (row["success"] or 0.0) >= success:
@@ -114,7 +115,7 @@ def cpu_seconds_to(rows: list[Row], success: float) -> float | None:
 
 
 def files_digest(files: StageFiles) -> str:
-    """Digest of the content of everything an environment is made of: assets with all that lies beside them.
+    """Return a digest of the content of all files of an environment, including all files beside an asset's record.
 
     Raises:
         InputError: A file is missing.
@@ -132,7 +133,7 @@ def files_digest(files: StageFiles) -> str:
 
 
 def _content(path: Path) -> list[Path]:
-    """Files behind a path: itself; all of a folder; an asset is the folder of its record."""
+    """List the files behind a path: the file itself, all files of a folder, or all files beside an `asset.json`."""
     if not path.exists():
         raise InputError(path, "it does not exist", "Run the rule that makes it")
     if path.name == "asset.json":
@@ -141,7 +142,7 @@ def _content(path: Path) -> list[Path]:
 
 
 def _reasons(files: StageFiles, training: Training, alarms: int) -> list[str]:
-    """Why a policy is degraded."""
+    """Return the reasons why a policy is degraded."""
     out = []
     for name in ("item", "background", "registration"):
         path = getattr(files, name)

@@ -1,7 +1,7 @@
 """Training of one policy in one environment, and its files: the policy, the learning curve, checkpoints to resume from.
 
-An interrupted training goes on from its last checkpoint and gives the same curve and weights, bit for bit, as one that was
-never interrupted; only its seconds differ.
+An interrupted training resumes from its last checkpoint and gives the same curve and weights, bit for bit, as one that was
+never interrupted; only the times in the curve differ.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Training:
 
     Args:
         rows: The learning curve; see `gsbridge.policy.curve`.
-        best: Success of the best weights in the evaluation that chose them.
-        retest: Success of the best weights on other poses: the poses of the choice flatter them.
-        controller: Success of the controller; NaN without one.
+        best: Success rate of the best weights in the evaluation by which they were chosen.
+        retest: Success rate of the best weights on other poses; `best` is biased upwards, since it is a maximum.
+        controller: Success rate of the controller; NaN without one.
         policy: The best weights.
         replay_bytes: Memory of the replay buffer.
         frames_per_second: Environment steps, each with its picture, per second of acting and learning.
@@ -61,7 +61,7 @@ class Training:
 
 @dataclass
 class _Counters:
-    """Progress of a training: everything that is not in agent or buffer."""
+    """Progress of a training: all of its state that is not in the agent or the buffer."""
 
     step: int = 0
     episode: int = 0
@@ -76,11 +76,12 @@ class _Counters:
 
 @dataclass
 class _Episode:
-    """An episode that is being played beside others.
+    """An episode that is being played in parallel to others.
 
     Args:
-        state: What is seen in its present state.
-        past: Its steps so far, as `Replay.add` takes them; the first state is `first`.
+        first: Its first state.
+        state: Its present state.
+        past: Its steps so far, as `Replay.add` takes them.
     """
 
     first: TrainingState
@@ -94,15 +95,15 @@ class Trainer:
     Args:
         environment: A `PickEnvironment`, wrapped or not.
         controller: The baseline controller; None only for `sac`.
-        settings: How to learn.
+        settings: Settings of the training.
         seed: Seed of everything that is random.
-        state: Folder of checkpoints; None for none.
-        key: What else the training depends on (digests of files and code): a checkpoint of another key is left aside.
-        makers: Functions that make the environments of training, where the settings ask for several; `environment` then serves
-            evaluations alone.
+        state: Folder of checkpoints; None for no checkpoints.
+        key: What else the training depends on (digests of files and code); a checkpoint with another key is ignored.
+        makers: Functions that make the environments of the training, if the settings ask for several; `environment` then only
+            serves evaluations.
 
     Raises:
-        InputError: The environment's pictures have another size, there is no controller, or no CUDA GPU where one is asked for.
+        InputError: The environment's pictures have another size, or a controller or CUDA GPU is needed and missing.
     """
 
     def __init__(
@@ -121,11 +122,11 @@ class Trainer:
         several = settings.environments > 1
         if several and len(makers) != settings.environments:
             raise ValueError(f"{len(makers)} makers for {settings.environments} environments")
-        # Before anything is on a GPU: its processes are forks of this one.
+        # Before anything is on a GPU, since the environments' processes are forks of this one.
         self.rollouts = Rollouts(makers) if several else None
         # One thread: small networks gain little from more, and sums in another order would change the curve.
         torch.set_num_threads(1)
-        # Likewise: a GPU's fastest convolutions differ from run to run, and round to ten bits.
+        # For the same reason: a GPU's fastest convolutions differ from run to run, and round to ten bits.
         torch.backends.cudnn.deterministic, torch.backends.cudnn.benchmark, torch.backends.cudnn.allow_tf32 = True, False, False
         self.environment, self.controller, self.settings, self.seed = environment, controller, settings, seed
         self.state = None if state is None else Path(state)
@@ -164,7 +165,7 @@ class Trainer:
         return self._finish(out)
 
     def close(self) -> None:
-        """End the processes of further environments."""
+        """End the processes of the environments, if there are several."""
         if self.rollouts is not None:
             self.rollouts.close()
 
@@ -173,7 +174,7 @@ class Trainer:
         return enough or self.at.step >= self.settings.steps
 
     def _episode(self) -> None:
-        """Play one episode and learn meanwhile."""
+        """Play one episode, and learn after each step."""
         at, clock, settings = self.at, self.clock, self.settings
         seed = episode_seed(self.seed, 0, at.episode)
         with clock.on("environment"):
@@ -198,10 +199,10 @@ class Trainer:
         self.meter.see({"training_success": float(info["success"])})
 
     def _episodes(self, rollouts: Rollouts) -> None:
-        """Play in all environments at once, and learn meanwhile, until an evaluation is due.
+        """Play in all environments in parallel, and learn after each step, until an evaluation is due.
 
-        An episode enters the replay as a whole. Those that still run in the end are cut: a truncation does not end the value,
-        and nothing of them is left that a checkpoint would have to hold.
+        An episode enters the replay buffer as a whole. Episodes that still run at the end are truncated, which leaves their
+        value targets correct; a checkpoint then need not hold any running episode.
         """
         at, clock, settings = self.at, self.clock, self.settings
         with clock.on("environment"):
@@ -234,13 +235,13 @@ class Trainer:
             self._keep(episode)
 
     def _clock(self, seconds: Mapping[str, float] | None = None, wall: float = 0.0) -> TrainingClock:
-        """A clock that counts the environments' processes, too, where there are any."""
+        """Make a clock that also counts the environments' processes, if there are any."""
         return (
             TrainingClock(seconds, wall) if self.rollouts is None else TrainingClock(seconds, wall, self.rollouts.cpu_seconds)
         )
 
     def _begin(self, rollouts: Rollouts, numbers: Iterable[int]) -> dict[int, _Episode]:
-        """The next episodes, in some of the environments."""
+        """Begin the next episodes in some of the environments."""
         seeds = {}
         for number in numbers:
             seeds[number] = episode_seed(self.seed, 0, self.at.episode)
@@ -249,7 +250,7 @@ class Trainer:
         return {number: _Episode(state, state) for number, state in states.items()}
 
     def _keep(self, episode: _Episode) -> None:
-        """Put an episode into the replay."""
+        """Put an episode into the replay buffer."""
         if not episode.past:
             return
         self.replay.begin(episode.first)
@@ -257,18 +258,18 @@ class Trainer:
             self.replay.add(action, reward, terminated, state, ended=number == len(episode.past))
 
     def _act(self, state: TrainingState, share: float) -> tuple[np.ndarray, bool]:
-        """An action in training, see `_act_all`."""
+        """Choose an action in training, see `_act_all`."""
         return self._act_all([state], share)[0]
 
     def _act_all(self, states: Sequence[TrainingState], share: float) -> list[tuple[np.ndarray, bool]]:
-        """Actions in training, and whether they are the actor's; before the first update at random for `sac`."""
+        """Choose actions in training and tell whether they are the actor's; in `sac`, the first are random."""
         if self.settings.algo == "sac" and self.at.step < self.settings.start_steps:
             return [(self.rng.uniform(-1.0, 1.0, len(state.base)).astype(np.float32), False) for state in states]
         choices = self.agent.act_all(states, 1.0 if self.at.step < self.settings.start_steps else share)
         return [(choice.action, choice.by_actor) for choice in choices]
 
     def _learn(self, share: float) -> None:
-        """The gradient steps that are owed."""
+        """Take the gradient steps that are due after one more environment step."""
         settings = self.settings
         if self.at.step < settings.start_steps or not len(self.replay):
             return
@@ -279,7 +280,7 @@ class Trainer:
             self.at.owed -= 1.0
 
     def _evaluate(self, out: Path) -> None:
-        """Evaluate, add a row, keep the best weights, make a checkpoint."""
+        """Evaluate, add a row to the curve, keep the best weights, and make a checkpoint."""
         at, settings = self.at, self.settings
         with self.clock.on("evaluate"):
             value = (
@@ -301,7 +302,7 @@ class Trainer:
             }
         )
         write_curve(out / CURVE, at.rows)
-        # Of equal ones the later: it has learned longer.
+        # Of equally good weights, keep the later ones, which have learned longer.
         if evaluation.rate >= at.best:
             at.best, at.best_step = evaluation.rate, at.step
             self.best = copy.deepcopy(self.agent.averaged.state_dict())
@@ -335,14 +336,14 @@ class Trainer:
         return Training(self.at.rows, self.at.best, retest, self.at.controller, policy, self.replay.nbytes, rate)
 
     def _save(self) -> None:
-        """Make a checkpoint, between two episodes and right after an evaluation: the meter is empty."""
+        """Make a checkpoint; this is between two episodes and right after an evaluation, so that the meter is empty."""
         assert self.state is not None
         run = {**asdict(self.at), "seconds": self.clock.seconds, "wall": self.clock.wall, "rng": self.rng.bit_generator.state}
         learner = {"agent": self.agent.state(), "best": self.best}
         save_checkpoint(self.state, self.key, Checkpoint(run, learner, self.replay))
 
     def _resume(self) -> bool:
-        """Go on from a checkpoint, where there is one."""
+        """Resume from a checkpoint; return whether there was one."""
         checkpoint = None if self.state is None else load_checkpoint(self.state, self.key)
         if checkpoint is None:
             return False
@@ -350,7 +351,7 @@ class Trainer:
         try:
             self.clock = self._clock(run.pop("seconds"), run.pop("wall"))
             self.rng.bit_generator.state = run.pop("rng")
-            # JSON knows no NaN.
+            # JSON has no NaN.
             self.at = _Counters(**{**run, "controller": np.nan if run["controller"] is None else run["controller"]})
             self.best = checkpoint.learner["best"]
             self.agent.restore(checkpoint.learner["agent"])
@@ -362,7 +363,7 @@ class Trainer:
 
 
 def _check(environment: PickEnvironment, controller: Controller | None, settings: PolicySettings) -> None:
-    """Make sure that environment, controller and settings belong together."""
+    """Check that environment, controller and settings fit together."""
     if environment.settings.image_size != settings.image_size:
         raise InputError(
             "policy: image_size",

@@ -1,5 +1,6 @@
-"""Trials of a trained policy: in the simulated world as it learned, in the mirror as on an arm; see
-`gsbridge.environment.policy_trials` and `gsbridge.policy.arm_trials`.
+"""Trials of a trained policy in the simulated world, as in its training, and in the mirror, as on an arm.
+
+See `gsbridge.environment.policy_trials` and `gsbridge.policy.arm_trials`.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ def try_in_sim(
         training: Record of its training.
         files: What the environment is made of.
         settings: Settings of the environment.
-        place: Where the outcome goes.
-        poses, outside: Start poses of each set inside the square of the training, and beyond it.
+        place: Files that the outcome is written to.
+        poses, outside: Number of start poses of each set inside the start square of the training, and beyond it.
 
     Raises:
         InputError: A file is missing or damaged.
@@ -67,17 +68,17 @@ def try_in_mirror(
     outside: int = 0,
     pieces: str | Path,
 ) -> list[tuple[str, TrialResult]]:
-    """Let a policy act in a world of the mirror by the path that an arm takes; an episode is what it was in the training.
+    """Let a policy act in a world of the mirror as on an arm; the settings of an episode are those of the training.
 
     Args:
         policy: Folder of the policy.
         training: Record of its training.
-        setting: What stands in the room.
+        setting: Object and background of the mirror's scene.
         hidden: Hidden parameters of the world.
         registration: `registration.json`.
-        place: Where the outcome goes.
+        place: Files that the outcome is written to.
         name: The world's name.
-        poses, outside: Start poses of each set inside the square of the training, and beyond it.
+        poses, outside: Number of start poses of each set inside the start square of the training, and beyond it.
         pieces: Folder that keeps convex pieces from run to run.
 
     Raises:
@@ -107,5 +108,5 @@ def _load(folder: str | Path) -> Policy:
 
 
 def _reasons(training: str | Path) -> list[str]:
-    """Why the policy itself is degraded."""
+    """Return the reasons why the policy itself is degraded."""
     return [f"policy: {reason}" for reason in read_json(training).get("reasons", [])]

@@ -1,8 +1,8 @@
 """Worlds driven like arms: the simulated one and the mirror behind `RobotDriver`.
 
-They measure joint angles and know the table by its registration, as a real arm does; the mirror's encoders have their noise and
-their offsets. Privileged states serve one purpose only: the referee in place of a person. The mirror is driven `Sealed`: what
-drives it has no way to ask where anything truly is.
+They measure joint angles and know the table only by its registration, as a real arm does; the mirror's encoders have noise and
+offsets. Only the referee, which takes the place of a person, uses privileged states. The mirror is driven through `Sealed`, so
+the code that drives it has no access to true poses.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class WorldDriver:
         commanded_from: `base_from_table` by which the world turns commands into postures. [4, 4].
         settings: Task and size of the pictures.
         control_hz: Steps of the world per second.
-        referee: Who judges; None for one that asks this world.
+        referee: Judges the episodes; None for one that looks at this world.
 
     Attributes:
         reading: The last measurement; None before the first of an episode.
@@ -65,13 +65,14 @@ class WorldDriver:
         self.world, self.eye, self.kinematics, self.dimensions = world, eye, kinematics, dimensions
         self.camera = wrist_camera(eye.size)
         self.clock = WorldClock(world, 1.0 / control_hz)
-        self.referee = Referee(world, settings) if referee is None else referee  # type: ignore[arg-type]  # none for a sealed one
+        # A sealed world always comes with a referee.
+        self.referee = Referee(world, settings) if referee is None else referee  # type: ignore[arg-type]
         self.reading: Reading | None = None
         self._table_from_base = np.linalg.inv(commanded_from)
         self._start: tuple[Array, int] = np.array([0.0, 0.265, 0.0]), 0
 
     def prepare(self, pose: Array, seed: int) -> None:
-        """Choose the next episode: x, y, yaw of the object, [3], and the seed of what is random."""
+        """Choose the next episode: start pose x, y, yaw of the object, m and rad, [3], and the seed of what is random."""
         self._start = np.array(pose, dtype=np.float64), int(seed)
 
     def rest(self) -> None:
@@ -92,14 +93,14 @@ class WorldDriver:
         return self.eye.look(self.world)  # type: ignore[arg-type]  # each world has the eye that fits it
 
     def command(self, base_from_tool: Array, aperture: float) -> bool:
-        """See `RobotDriver`: worlds take the pose [4, 4] in their table's frame."""
+        """See `RobotDriver`; the world gets the pose [4, 4] in its table's frame."""
         pose = self._table_from_base @ base_from_tool
         before = int(getattr(self.world, "refused", 0))
         self.world.command(pose[:3, 3], float(np.arctan2(pose[1, 0], pose[0, 0])), aperture)
         return int(getattr(self.world, "refused", 0)) == before
 
     def stop(self) -> None:
-        """See `RobotDriver`: a world stands still while nobody steps it."""
+        """Do nothing (see `RobotDriver`): a world stands still unless it is stepped."""
 
     def close(self) -> None:
         """Release the world."""
@@ -109,7 +110,7 @@ class WorldDriver:
 
 
 class WorldClock:
-    """A world's own time: waiting steps it, computing takes none.
+    """A world's own time: waiting steps the world, and computing takes no time.
 
     Args:
         world: The world.
@@ -135,7 +136,7 @@ class SimDriver(WorldDriver):
     """The simulated world as an arm.
 
     Args:
-        files: What it is made of; its registration is the one that the runner takes.
+        files: Files that it is made of; their registration is the one that the runner uses.
         settings: Settings of the policy's environment: picture size and renderer.
 
     Raises:
@@ -149,9 +150,9 @@ class SimDriver(WorldDriver):
 
 
 class Sealed:
-    """A world as an arm and its camera show it: joints are measured, tool poses are commanded, time passes, pictures are taken.
+    """The part of a world that an arm and its camera offer: measured joints, commands, time steps and pictures.
 
-    Where tool, object and camera truly are, what touches what, and all that is hidden, is no part of it.
+    It gives no access to the true poses of tool, object and camera, to contacts, or to hidden parameters.
 
     Args:
         world: The world.
@@ -165,7 +166,7 @@ class Sealed:
 
     @property
     def refused(self) -> int:
-        """Commands out of reach in this episode."""
+        """Number of commands out of reach in this episode."""
         return self._count()
 
 
@@ -188,7 +189,7 @@ class Window:
 
 
 class Dark:
-    """Black pictures, for controllers that do not look: path tracing would be wasted time.
+    """Black pictures, for controllers that use none: path tracing would be wasted time.
 
     Args:
         size: Edge of the picture, px.
@@ -207,14 +208,14 @@ class Dark:
 
 @dataclass(frozen=True)
 class MirrorSetting:
-    """Choice of a mirror: its scenes and its seed.
+    """Choice of a mirror: its scenes, seeds and picture quality.
 
     Args:
         item, background: Names of its object and table.
         seed: Seed of textures, shapes and hidden parameters; `world_seed` overrides it for the hidden ones.
         world_seed: Seed of the hidden parameters; None for `seed`.
         pieces: Folder that keeps convex pieces from run to run; None for a temporary one.
-        samples: Samples per pixel, at least.
+        samples: Smallest number of samples per pixel.
         threads: Threads to render with.
     """
 
@@ -227,7 +228,7 @@ class MirrorSetting:
     threads: int = 1
 
     def build(self) -> MirrorWorld:
-        """The world, with pictures as those of trials.
+        """Build the world, with the picture quality of trials.
 
         Raises:
             InputError: Unknown object or background.
@@ -240,17 +241,17 @@ class MirrorSetting:
 
 
 class MirrorDriver(WorldDriver):
-    """The mirror as an arm: true table and camera, measured joints.
+    """The mirror as an arm, which measures its joints and knows the table by its registration.
 
     Args:
-        world: The mirror, or its physics alone for what acts without looking.
-        registration: Where a person believes table and camera to be.
+        world: The mirror, or its physics alone for controllers that use no pictures.
+        registration: Registered poses of table and camera.
         settings: Settings of the policy's environment: task, picture size.
     """
 
     def __init__(self, world: MirrorWorld | MirrorPhysics, registration: Registration, settings: EnvironmentSettings) -> None:
         physics = world.physics if isinstance(world, MirrorWorld) else world
-        # By the registered table in both directions: the pose that the runner asks for is the pose that the arm is sent to.
+        # Runner and world both convert by the registered table, so that the arm is sent to the pose that the runner asks for.
         physics.commanded_from = np.array(registration.base_from_table)
         size = settings.image_size
         super().__init__(
@@ -265,7 +266,7 @@ class MirrorDriver(WorldDriver):
 
 
 def _as_it_is(settings: EnvironmentSettings, plate: tuple[float, float] | None) -> EnvironmentSettings:
-    """Settings with the plate where it truly is: a reconstruction that is off must miss the goal, not move it."""
+    """Return settings with the plate's true pose, so that a wrong reconstruction misses the goal instead of moving it."""
     if settings.plate is None or plate is None:
         return settings
     return replace(settings, plate=replace(settings.plate, x=plate[0], y=plate[1], height=PLATE_WELL_M))
@@ -292,7 +293,7 @@ class Referee:
         self()
 
     def __call__(self) -> bool:
-        """Judge the state after a step; whether the episode is over."""
+        """Judge the state after a step; return whether the episode is over."""
         state = self.world.state()
         self.states.append(state)
         self._progress, self.outcome = judge(state, self._progress, self.rules)
@@ -307,11 +308,11 @@ class Referee:
 
 
 def episode_seed(settings: EnvironmentSettings, index: int) -> int:
-    """Seed of a trial's world, the same as in `gsbridge.environment.trials`."""
+    """Return the seed of a trial's world, the same as in `gsbridge.environment.trials`."""
     return world_seed(settings, 1000 * settings.pose_seed + index)
 
 
 def world_seed(settings: EnvironmentSettings, seed: int) -> int:
-    """Seed of what is random in an episode that `PickEnvironment.reset` would begin with `seed`."""
+    """Return the world's seed in an episode that `PickEnvironment.reset` would begin with `seed`."""
     rng, _ = seeding.np_random(seed)
     return draw_episode(rng, settings.region())[1]
