@@ -115,7 +115,7 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings, *, litte
     """An environment in the simulated world.
 
     Args:
-        files: What it is made of.
+        files: Files that it is made of.
         settings: Its settings.
         litter: Largest number of flat things that lie about in an episode's pictures; see `Litter`.
 

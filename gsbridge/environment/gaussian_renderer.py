@@ -73,7 +73,7 @@ class GaussianRenderer:
         return len(self.composition)
 
     def see(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Seen:
-        """What the camera sees of the bodies, without drawing it. [4, 4] each.
+        """Find the groups of the bodies' splats that the camera sees, without drawing them. [4, 4] each.
 
         Raises:
             InputError: A drawn body has no pose.

@@ -1,8 +1,9 @@
-"""How the wrist camera sees colours that a phone filmed, and what colour the robot has: from the photos of the board.
+"""Calibration of the wrist camera's response to colours that a phone filmed, and of the robot's colours.
 
 Phone and wrist camera differ in exposure, white balance and tone curve, and the lamp may have moved between film and work. The
-registration's photos show the same table, so its splats, drawn where each photo was taken, tell the response that turns one
-into the other; and the closed hand at the lower edge of each photo shows its own colours.
+registration's photos of the board show the same table as the film. So the table's splats are drawn from where each photo was
+taken, and the response is fitted that turns the drawn colours into the photo's. The closed hand at the lower edge of each photo
+shows the hand's own colours.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ class Guard:
     Args:
         limits: See `Limits`.
         workspace: Room in which the tool is commanded.
-        scale: What an action of 1 means.
+        scale: Motion that an action of 1 commands.
     """
 
     def __init__(self, limits: Limits, workspace: Workspace, scale: ActionScale) -> None:

@@ -62,7 +62,7 @@ class ToolTarget:
 
     Args:
         stroke: Largest opening of the gripper, m.
-        scale: What an entry of 1 means.
+        scale: Motion that an entry of 1 commands.
         counted: Workspace that positions and yaws are cut to, with counts of the commands and of those cut.
         position: Tool point, table frame, m. [3].
         yaw: Turn of the tool about the vertical, rad.
@@ -85,7 +85,7 @@ class ToolTarget:
         Args:
             workspace: Box that positions and yaws are cut to.
             stroke: Largest opening of the gripper, m.
-            scale: What an entry of 1 means; the default one when None.
+            scale: Motion that an entry of 1 commands; None for the default.
         """
         return cls(stroke, scale or ActionScale(), ClippedCommands(workspace))
 

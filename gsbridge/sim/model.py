@@ -175,7 +175,7 @@ class Model:
         contact: Contacts of the object.
         object: The handled body.
         camera: The wrist camera.
-        effects: What was added to the nominal model.
+        effects: Effects that are added to the nominal model.
     """
 
     gravity: Annotated[float, Range("m/s2", 0, 30)]
