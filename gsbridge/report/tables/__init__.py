@@ -1,1 +1,1 @@
-"""Tables: rows as CSV files, what they come to, and how they are laid out for print. Imports nothing else of the report."""
+"""Tables: rows as CSV files, statistics of them, and their layout for print. Imports no other part of the report."""

@@ -1,6 +1,6 @@
-"""Columns of the tables of rows and what they mean, once: the tables of `docs/tables.md` are made from here.
+"""Columns of all tables of rows and their meanings, in one place; `docs/tables.md` lists them from here.
 
-`make schema` runs this module in the folder of the project; a test says where it was forgotten.
+`make schema` runs this module in the folder of the project; a test fails if that was forgotten.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ TABLES: Mapping[str, Sequence[str]] = {
     "training": training.COLUMNS,
     "timing": timing.COLUMNS,
 }
-"""Columns by the name that the page gives them."""
+"""Columns of each table, by the table's name on the page."""
 
 MEANINGS = {
     "task": "`grasp` or `pick_and_place`",
@@ -88,25 +88,25 @@ MEANINGS = {
     "cpu_s": "processor time, s",
     "max_rss_mb": "largest memory, MB",
 }
-"""What a column holds; one name means the same in every table."""
+"""Meaning of each column; a name means the same in every table."""
 
 _BLOCK = re.compile(r"<!-- columns: (\w+) -->\n.*?<!-- end -->\n", re.DOTALL)
 
 
 def filled(page: str) -> str:
-    """A page whose blocks between `<!-- columns: NAME -->` and `<!-- end -->` list the columns of these tables.
+    """List the columns of table NAME in every block between `<!-- columns: NAME -->` and `<!-- end -->` of a page.
 
     Args:
         page: Markdown.
 
     Raises:
-        InputError: There is no such table.
+        InputError: There is no table NAME.
     """
     return _BLOCK.sub(lambda found: f"<!-- columns: {found[1]} -->\n\n{listed(found[1])}\n<!-- end -->\n", page)
 
 
 def listed(name: str) -> str:
-    """Columns of a table with their meaning, in Markdown."""
+    """List the columns of a table and their meanings as a Markdown table."""
     if name not in TABLES:
         raise InputError(PAGE, f"there is no table '{name}'", f"Use one of {', '.join(TABLES)}")
     return "| column | meaning |\n|---|---|\n" + "".join(f"| `{column}` | {MEANINGS[column]} |\n" for column in TABLES[name])

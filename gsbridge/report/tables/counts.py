@@ -1,4 +1,4 @@
-"""Successes and trials of cells, read from the rows of success tables, and what many cells say together."""
+"""Successes and trials of cells, read from the rows of success tables, and summaries over many cells."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from gsbridge.tasks.poses import POSE_SETS
 
 @dataclass(frozen=True)
 class Count:
-    """Successes of a cell, world and set of poses; a rate is a share, 0..1.
+    """Trials and successes of one cell in one world from one set of start poses; rates are shares, 0..1.
 
     Args:
-        successes, trials, seeds: As in the rows.
-        tallies: Successes and trials by training, where that is known.
-        sim: Successes and trials of simulation from the same start poses; None where there are none.
+        successes, trials, seeds: The columns of these names in the rows.
+        tallies: Successes and trials of each training; empty where they are not known one by one.
+        sim: Successes and trials in simulation from the same start poses; None where there are none.
     """
 
     successes: int
@@ -44,7 +44,7 @@ class Count:
 
     @property
     def each(self) -> tuple[Tally, ...]:
-        """Successes and trials by training; all together where the trainings are not known apart."""
+        """Successes and trials of each training; one pair for all trials where `tallies` is empty."""
         return self.tallies or ((self.successes, self.trials),)
 
     @property
@@ -58,7 +58,7 @@ Counts = dict[tuple[CellPaths, str, str], Count]
 
 
 def read_counts(rows: Sequence[Row]) -> Counts:
-    """Counts of the rows of success tables; a row that stands in two tables counts once."""
+    """Read the counts from rows of success tables; a row that appears in two tables counts once."""
     return {
         (cell_in(row), row["world"], row["pose_set"]): Count(
             int(row["successes"]),
@@ -72,12 +72,12 @@ def read_counts(rows: Sequence[Row]) -> Counts:
 
 
 def worlds_in(counts: Counts) -> list[str]:
-    """Worlds of the counts: simulation, mirrors, robot."""
+    """List the worlds of the counts in the order simulation, mirrors, robot."""
     return sorted({world for _, world, _ in counts}, key=lambda world: (world != STRICT_WORLD, world == ROBOT, world))
 
 
 def pose_sets_in(counts: Counts) -> list[str]:
-    """Sets of start poses of the counts."""
+    """List the sets of start poses of the counts, in the order of `POSE_SETS`."""
     found = {pose_set for _, _, pose_set in counts}
     return [pose_set for pose_set in POSE_SETS if pose_set in found]
 
@@ -105,16 +105,16 @@ def p_of_change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> f
 
 @dataclass(frozen=True)
 class Overview:
-    """Cells together in one world and set of poses.
+    """Summary over cells in one world, from one set of start poses.
 
     Args:
-        world, pose_set: Which.
+        world, pose_set: The world and the set of start poses.
         rates: Success rate of each cell, 0..1.
         total: Trials of all cells together.
         interval: 95 % interval of the mean, see `mean_interval`.
         changes: Relative change from simulation of each cell that has one; empty for simulation itself.
         correlation: Pearson's r of the cells' rates in simulation and in this world; None where it is not defined.
-        violation: MMRV likewise, as a share of success.
+        violation: Mean maximum rank violation (MMRV) of the same rates, a share of success; None where no cell is compared.
     """
 
     world: str
@@ -132,13 +132,13 @@ class Overview:
         return statistics.fmean(self.rates.values())
 
     def drop(self, cells: Sequence[CellPaths] | None = None) -> tuple[float | None, int]:
-        """Mean relative drop over cells (None: all), and the number of those that it is taken over."""
+        """Mean relative drop over `cells` (all cells if None), and the number of cells in that mean."""
         found = [value for cell, value in self.changes.items() if cells is None or cell in cells]
         return mean_relative_drop(found), len(found)
 
 
 def overviews(counts: Counts, cells: Sequence[CellPaths]) -> list[Overview]:
-    """One overview per set of poses and world, over those of the cells that were tried there."""
+    """Make one overview per set of poses and world, over those of `cells` that were tried there."""
     out = []
     for pose_set in pose_sets_in(counts):
         for world in worlds_in(counts):

@@ -18,7 +18,7 @@ from gsbridge.tasks.poses import POSE_SETS, QUADRANTS
 
 UNKNOWN = "unknown"
 COLUMNS = (*CELL_COLUMNS, "world", "pose_set", "outcome", "count", *(f"quadrant_{quadrant}" for quadrant in QUADRANTS))
-"""`outcome` is `none` for a success, a word of `Failure`, or `unknown` where nobody wrote down why; the outcomes of a cell,
+"""`outcome` is `none` for a success, a word of `Failure`, or `unknown` where no reason was recorded; the outcomes of a cell,
 world and set of poses add up to its trials."""
 
 ORDER = (*Failure, UNKNOWN)
@@ -26,7 +26,7 @@ QUADRANT_TITLES = ("far right", "far left", "near right", "near left")
 
 
 def failure_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
-    """One row per outcome that occurred, all seeds together."""
+    """Make one row per outcome that occurred, counting the trials of all seeds together."""
     counts: dict[tuple[Any, ...], Any] = {}
     for file in files:
         success = file.trials.judged(file.world)
@@ -60,7 +60,7 @@ def write_failure_rows(out_csv: str | Path, paths: Sequence[str | Path], **more:
 
 
 def failures_table(rows: Sequence[Row]) -> Table | None:
-    """Failures of each cell and world by reason, both sets of start poses together; None without rows.
+    """Failures of each cell and world by reason, all sets of start poses together; None without rows.
 
     Args:
         rows: Rows of `failures.csv`.
@@ -92,7 +92,7 @@ def failures_table(rows: Sequence[Row]) -> Table | None:
 
 
 def _counts(rows: Sequence[Row], failed: Sequence[Row], words: Sequence[str]) -> list[str]:
-    """Trials, failures, failures by quadrant and by reason."""
+    """Count trials, failures, failures by quadrant and failures by reason."""
     by_word = [sum(int(row["count"]) for row in failed if row["outcome"] == word) for word in words]
     by_quadrant = [sum(int(row[f"quadrant_{quadrant}"]) for row in failed) for quadrant in QUADRANTS]
     return [

@@ -1,11 +1,11 @@
-"""Figures that the paper prints, to stand beside ours.
+"""Figures that the paper prints, shown beside ours.
 
 Source: RL-GSBridge, table "Our Soft Mesh Binding Method Compared with GaMeS" (label `tab:GSresult`). The paper measures
 full frames of its own captures; its metric script reads the training views, and objects carry a painted background. So the
-values show the order of magnitude and the gap between the bindings, and are no measurement of our scenes.
+values show the order of magnitude and the gap between the bindings; they do not measure our scenes.
 
 Success rates are from its tables `tab:RLcontrast`, `tab:testgrasp` and `tab:testpickplace`: 32 trials per cell and world, so
-that every rate is a number of 32 successes. Its second world is a real robot, ours is the mirror unless the world is `robot`.
+every rate is a count out of 32. The paper's second world is a real robot; ours is the mirror, unless the world is `robot`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ PAPER_NOTE = (
 
 
 def paper_values(scene: str, binding: str, origin: str) -> PaperValues | None:
-    """The paper's values for a scene of the same name, or None: real captures of ours are none of the paper's scenes.
+    """Look up the paper's values for a scene; None for real captures, because the paper does not show our scenes.
 
     Args:
         scene: Scene name, for example `banana`.
@@ -102,7 +102,7 @@ PAPER_SUCCESS: dict[CellPaths, PaperSuccess] = {
     CellPaths("grasp", "bear", "foam_pad", "mesh"): PaperSuccess(30, 8),
     CellPaths("pick_and_place", "cake", "plate"): PaperSuccess(22, 23),
 }
-"""The paper's successes by cell; `mesh` is its RL-sim. It prints 71.87 % for 23 of 32, cut off where the others are rounded."""
+"""The paper's successes by cell; `mesh` is its RL-sim. It prints 23 of 32 truncated, as 71.87 %, and rounds the others."""
 
 PAPER_GRASPS = tuple(cell for cell in PAPER_SUCCESS if cell.task == "grasp" and cell.renderer == "gs")
 """The eight grasp cells of RL-GSBridge."""
@@ -110,10 +110,10 @@ PAPER_GRASPS = tuple(cell for cell in PAPER_SUCCESS if cell.task == "grasp" and 
 PAPER_SCENARIOS = tuple(
     cell for cell in PAPER_GRASPS if (cell.object, cell.background) not in {("small_cube", "foam_pad"), ("bear", "foam_pad")}
 )
-"""The six cells of `tab:testgrasp`, over which the paper takes its mean drop of 6.6 %; the others are in `tab:RLcontrast`."""
+"""The six cells of `tab:testgrasp`, over which the paper takes its mean drop of 6.6 %; `tab:RLcontrast` has the others."""
 
 PAPER_POSE_SETS = ("fixed", "unseen")
-"""Sets of start poses that the paper's values may stand beside: it tried nothing beyond the square of its training."""
+"""Sets of start poses that the paper's values are shown beside: the paper tried no start outside its training square."""
 
 PAPER_SUCCESS_NOTE = (
     "Paper values: RL-GSBridge, 32 trials per cell, simulation and a real robot. Mirrored worlds are no robot: there the "

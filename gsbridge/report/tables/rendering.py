@@ -1,4 +1,4 @@
-"""The rendering table for print: held-out quality of all bindings, and the paper's protocol beside the paper's values."""
+"""The rendering table for print: held-out quality of all bindings, and our values by the paper's protocol beside its own."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ METRICS = ("psnr", "ssim", "lpips", "alpha_iou")
 
 @dataclass(frozen=True)
 class SceneLine:
-    """One scene in one split and region.
+    """Rendering quality of one scene in one split and region.
 
     Args:
         scene, kind, origin: Name, kind and origin of the scene.
@@ -25,14 +25,14 @@ class SceneLine:
         reasons: Why it is degraded.
         metrics: {binding: {metric: mean over the seeds, None where not measured}}.
         seeds: {binding: number of seeds}.
-        gain: soft - GaMeS, mean over the seeds that both have, dB; None where one is missing.
-        gain_range: Smallest and largest such difference over the seeds, where there are several.
-        refined_gain: refined - soft likewise, dB.
-        moving_gain: soft - GaMeS whose vertices are free to move, likewise, dB.
+        gain: PSNR of soft less that of GaMeS, mean over the seeds that both have, dB; None where one is missing.
+        gain_range: Smallest and largest such difference over the seeds, dB; None for fewer than two seeds.
+        refined_gain: PSNR of refined less that of soft, likewise, dB.
+        moving_gain: PSNR of soft less that of `games_vertices` (GaMeS with free vertices), likewise, dB.
         paper: {binding: {metric: value as printed}}.
         suspect: True where the paper's value is probably a slip.
         views: Number of views behind the means.
-        ceiling: What the film's own noise leaves of the PSNR, dB; None where it is not known.
+        ceiling: PSNR that a perfect model would reach given the film's own noise, dB; None where it is not known.
     """
 
     scene: str
@@ -53,14 +53,14 @@ class SceneLine:
 
     @property
     def paper_gain(self) -> float | None:
-        """The paper's own soft - GaMeS, dB."""
+        """PSNR of soft less that of GaMeS in the paper, dB; None where the paper lacks one of them."""
         if "soft" not in self.paper or "games" not in self.paper:
             return None
         return float(self.paper["soft"]["psnr"]) - float(self.paper["games"]["psnr"])
 
 
 def scene_lines(rows: Sequence[Row], *, split: str, region: str, surface: str = "visual") -> list[SceneLine]:
-    """One line per scene.
+    """Make one line per scene.
 
     Args:
         rows: Rows of `rendering.csv`.
@@ -69,7 +69,7 @@ def scene_lines(rows: Sequence[Row], *, split: str, region: str, surface: str = 
         surface: Mesh that the splats are bound to: `visual` or `hull`.
 
     Returns:
-        Mirror before real, objects before backgrounds, the paper's order.
+        Lines sorted by mirror before real, objects before backgrounds, then the paper's order.
     """
     fixed = {"split": split, "region": region, "surface": surface}
     chosen = [row for row in rows if all(row[name] == wanted for name, wanted in fixed.items())]
@@ -127,7 +127,7 @@ def lpips_reasons(rows: Sequence[Row]) -> list[str]:
 
 
 def mean_gain(lines: Sequence[SceneLine]) -> float | None:
-    """Mean of soft - GaMeS over the scenes that have it, dB."""
+    """Mean PSNR gain of soft over GaMeS, over the scenes that have one, dB."""
     found = [line.gain for line in lines if line.gain is not None]
     return statistics.fmean(found) if found else None
 
@@ -153,7 +153,7 @@ def decibel(value: float | None, signed: bool = False) -> str:
 
 
 def gain_text(line: SceneLine) -> str:
-    """soft - GaMeS with its range over the seeds."""
+    """Format the gain of soft over GaMeS, with its range over the seeds where there is one."""
     text = decibel(line.gain, signed=True)
     if line.gain_range is None:
         return text
@@ -246,7 +246,7 @@ def paper_table(rows: Sequence[Row]) -> Table | None:
 
 
 def _three(value: float | None) -> str:
-    """Three decimals, or a dash."""
+    """Format a value with three decimals; None becomes a dash."""
     return "–" if value is None else f"{value:.3f}"
 
 

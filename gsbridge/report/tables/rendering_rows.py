@@ -18,7 +18,7 @@ Ceilings = dict[tuple[str, str], float]
 
 
 def read_ceilings(film_json: str | Path) -> Ceilings:
-    """Noise ceilings of a film's photos, dB.
+    """Read the noise ceilings of a film's photos: the PSNR that a perfect model would reach, dB.
 
     Held-out photos are the ones with the most samples per pixel, training photos those with the fewest.
 
@@ -26,7 +26,7 @@ def read_ceilings(film_json: str | Path) -> Ceilings:
         film_json: Record of a film.
 
     Returns:
-        {(split, region): ceiling}; entries that the film does not tell are missing.
+        {(split, region): ceiling}; entries that the film's record lacks are missing.
 
     Raises:
         InputError: The record is damaged.
@@ -36,7 +36,7 @@ def read_ceilings(film_json: str | Path) -> Ceilings:
         samples = [int(frame["spp"]) for frame in film["frames"]]
         chosen = {"held_out": str(max(samples)), "train": str(min(samples))}
         full = film.get("ceiling_db") or {}
-        # A background's masked region is the table, which fills its photos: there the ceiling of the whole frame counts.
+        # A background's masked region is the table, which fills its photos, so the ceiling of the whole frame counts there.
         masked = film.get("ceiling_masked_db") or (full if film.get("kind") == "background" else {})
         regions = {"masked": masked, "full": full}
         return {
@@ -73,7 +73,7 @@ COLUMNS = (
     "lpips_reason",
     "ceiling_db",
 )
-"""The columns that every reader may count on come first; `origin` and what follows explain them."""
+"""The columns that every reader may count on come first; `origin` and the columns after it explain them."""
 
 SPLITS = ("held_out", "train")
 REGIONS = ("masked", "full")
@@ -87,13 +87,13 @@ def rendering_rows(
     films: Mapping[str, str | Path] | None = None,
     records: Sequence[str | Path] = (),
 ) -> list[dict[str, Any]]:
-    """Rows from the records of trained splats.
+    """Make the rows from the records of trained splats.
 
     Args:
         splats_json: Records `splats.json` below `scenes/{scene}/splats/` (main runs) or `scenes/{scene}/comparison/`.
         scenes: For each scene its `kind` (`object` or `background`) and `origin` (`mirror` or `real`).
         films: `film.json` of mirrored scenes, for the noise ceiling beside each score.
-        records: Records of the stages before: what one of them degraded, no later stage makes whole.
+        records: Records of the earlier stages; a scene that one of them marks as degraded stays degraded.
 
     Returns:
         Rows in a fixed order, whatever the order of the records.
@@ -197,7 +197,7 @@ def write_rendering_rows(
         out_csv: File to write.
         scenes: Kind and origin of each scene, as `rendering_rows` takes them.
         films: `film.json` of mirrored scenes, for the noise ceiling beside each score.
-        records: Records of the stages before: what one of them degraded, no later stage makes whole.
+        records: Records of the earlier stages; a scene that one of them marks as degraded stays degraded.
     """
     write_rows(out_csv, COLUMNS, rendering_rows(splats_json, scenes, films, records))
 
@@ -205,7 +205,7 @@ def write_rendering_rows(
 def values(rows: Sequence[Row], column: str, **fixed: str) -> dict[tuple[str, str], float]:
     """One column as {(scene, seed): value}, of the rows whose cells equal `fixed`.
 
-    A run that stands both among the main runs and the comparisons counts once: the main run wins.
+    A run that is both among the main runs and among the comparisons counts once, as the main run.
 
     Args:
         rows: Rows of `rendering.csv`.

@@ -1,4 +1,4 @@
-"""What a path below `results/` says."""
+"""Scene, cell and seed that a path below `results/` belongs to."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class CellPaths:
     Args:
         task: `grasp` or `pick_and_place`.
         object, background: Scenes.
-        renderer: What drew the pictures of its training: `gs`, `mesh` or `mesh_vertex`.
+        renderer: What drew the pictures of its training, for example `gs` (splats) or `mesh`.
         variant: Way of training; `default` is the paper's.
     """
 
@@ -70,7 +70,7 @@ def cell_of(path: str | Path, folder: str) -> tuple[CellPaths, tuple[str, ...]]:
         The cell, and the parts of the path behind it.
 
     Raises:
-        InputError: The path is built otherwise.
+        InputError: The path does not have this form.
     """
     parts = Path(path).parts
     found = [index for index, part in enumerate(parts[:-5]) if part == folder]
@@ -83,10 +83,10 @@ def cell_of(path: str | Path, folder: str) -> tuple[CellPaths, tuple[str, ...]]:
 
 
 def seed_of(name: str, path: str | Path) -> int:
-    """Number of `seed{number}`, with or without an ending.
+    """Read the number from a name `seed{number}`, with or without a file ending.
 
     Raises:
-        InputError: The name is another one.
+        InputError: The name does not have this form.
     """
     number = name.removeprefix("seed").split(".")[0]
     if not (name.startswith("seed") and number.isdigit()):

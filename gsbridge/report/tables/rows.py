@@ -15,7 +15,7 @@ Row = dict[str, str]
 
 
 def cell(value: Any, digits: int = 4) -> str:
-    """Text of one value: empty for None and for what is no number, rounded floats, `true`/`false` for booleans."""
+    """Format one value: empty for None, NaN and infinity, floats rounded to `digits`, booleans as `true` or `false`."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -56,7 +56,7 @@ def read_rows(path: str | Path, columns: Sequence[str] = ()) -> list[Row]:
         InputError: The file is missing, is no text, or lacks a column.
     """
     try:
-        # Spreadsheets put a mark before the first letter, which `-sig` takes away where it stands.
+        # Some spreadsheets write a byte-order mark first; `utf-8-sig` skips it where there is one.
         with Path(path).open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream)
             names = reader.fieldnames or []

@@ -5,12 +5,12 @@ Columns of the rows:
 | column | content |
 |---|---|
 | `who` | `controller` |
-| `task`, `object`, `background` | what was to be done |
-| `world`, `seed`, `look`, `physics` | where: name, seed and severities of the world |
+| `task`, `object`, `background` | what was to be done, and where |
+| `world`, `seed`, `look`, `physics` | name, seed and severities of the world |
 | `trials`, `success` | counts; excess contact is forgiven, as in every world but the simulated one |
 | `rate`, `low`, `high` | share of successes, and Wilson's 95 % interval |
 | `steps` | median of the steps of all trials |
-| `failures` | reasons of the others, most frequent first |
+| `failures` | reasons of the failed trials with their counts, most frequent first |
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ _NOTES = (
 
 
 def write_severity(rows_csv: str | Path, page: str | Path, sources: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Write rows and page.
+    """Write the rows and the page.
 
     Args:
-        rows_csv: The rows, see the module.
-        page: The table, Markdown.
-        sources: `SeverityStudy.controller`.
+        rows_csv: CSV of the rows; see the module for its columns.
+        page: Markdown file with the table.
+        sources: Entries of `SeverityStudy.controller`.
 
     Returns:
         The rows.
@@ -87,7 +87,7 @@ def _row(source: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """A line for each who, a column for each world."""
+    """Lay the rows out with one line per controller (`who`) and one column per world."""
     worlds = list(dict.fromkeys((row["world"], row["look"], row["physics"]) for row in rows))
     lines: dict[str, dict[str, str]] = {}
     for row in rows:

@@ -1,5 +1,7 @@
-"""Page on the policies of the tables at different severities, cell by cell, against simulation. Its rows are those of
-`severity_rows`."""
+"""Page on the success of the tables' policies at different severities, cell by cell, beside simulation.
+
+Its rows come from `severity_rows`.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,7 @@ def write_cells_page(rows_csv: str | Path, page: str | Path) -> None:
         page: Markdown.
 
     Raises:
-        InputError: The rows are damaged, there are none, or none of a world of some severity.
+        InputError: The rows are damaged, there are none, or all of them are of simulation.
     """
     rows = read_severity_rows(rows_csv)
     worlds = worlds_of(rows)
@@ -76,7 +78,7 @@ def _head(levels: Sequence[str]) -> tuple[str, ...]:
 
 
 def _share(cells: Cells) -> str:
-    """Mean success of cells with its interval and the counts behind it; nothing for no cells."""
+    """Mean success of cells with its interval and the counts behind it; empty text for no cells."""
     if not cells:
         return ""
     low, high = mean_interval(cells.values())
@@ -86,7 +88,7 @@ def _share(cells: Cells) -> str:
 
 
 def _means_table(tallies: Tallies, levels: Sequence[str]) -> Table:
-    """A line for each task and renderer: means over its cells, and differences to simulation."""
+    """Lay out one line per task, renderer and variant: means over its cells, and differences to simulation."""
     kinds: dict[tuple[str, str, str], dict[str, dict[Place, list[Tally]]]] = {}
     for (renderer, variant, world), cells in tallies.items():
         for place, tally in cells.items():
@@ -112,7 +114,7 @@ def _change(worlds: Mapping[str, Cells], level: str) -> str:
 
 
 def _cells_table(tallies: Tallies, levels: Sequence[str], title: str) -> Table:
-    """A line for each policy."""
+    """Lay out one line per policy."""
     named = dict.fromkeys((place, *group[:2]) for group, cells in tallies.items() for place in cells)
     lines = []
     for place, renderer, variant in named:

@@ -1,15 +1,15 @@
-"""Rows of trials at different severities, and what is counted from them: successes by training, means, leads.
+"""Rows of trials at different severities, and what is computed from them: successes by training, means, leads.
 
 Columns of the rows, one for each training, world and set of start poses:
 
 | column | content |
 |---|---|
 | `task`, `object`, `background` | what the policy does, and where |
-| `renderer`, `variant`, `training` | what it saw as it learned, its way of learning, its seed |
-| `world`, `look`, `physics` | where it was tried, and how severe that world is; empty for simulation |
+| `renderer`, `variant`, `training` | what drew its training pictures, its way of learning, its seed |
+| `world`, `look`, `physics` | where it was tried, and the severities of that world, empty for simulation |
 | `pose_set` | `fixed`, `unseen` or `outside` |
 | `trials`, `successes` | counts; excess contact is forgiven, as in every world but the simulated one |
-| `status`, `reasons` | `degraded` where a scene, the policy or its trials are; a bar stands between two reasons |
+| `status`, `reasons` | `degraded` where a scene, the policy or its trials are degraded; a bar separates reasons |
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from gsbridge.tasks.poses import POSE_SETS
 COLUMNS = (*CELL_COLUMNS, *("training", "world", "look", "physics", "pose_set", "trials", "successes", "status", "reasons"))
 
 BETWEEN_REASONS = " | "
-"""Stands between two reasons; a semicolon may be part of one."""
+"""Separator of reasons; no semicolon, because a reason may contain one."""
 
 INSIDE, OUTSIDE = ("fixed", "unseen"), ("outside",)
 """Sets of start poses inside the training square, which count together, and beyond it."""
@@ -49,7 +49,7 @@ Cells = Mapping[Place, Sequence[Tally]]
 """Successes and trials of each training, by cell."""
 
 Tallies = dict[Group, dict[Place, list[Tally]]]
-"""Those of each group."""
+"""Cells of each group, with the successes and trials of each training."""
 
 
 def write_severity_rows(
@@ -60,7 +60,7 @@ def write_severity_rows(
     policies: Sequence[str | Path] = (),
     records: Sequence[str | Path] = (),
 ) -> None:
-    """Write the rows.
+    """Write one row per training, world and set of start poses.
 
     Args:
         out_csv: File to write.
@@ -96,7 +96,7 @@ def read_severity_rows(rows_csv: str | Path) -> list[Row]:
     """Read the rows.
 
     Raises:
-        InputError: They are damaged, or there are none.
+        InputError: The rows are damaged, or there are none.
     """
     rows = read_rows(rows_csv, COLUMNS)
     if not rows:
@@ -126,7 +126,7 @@ def tallies_of(rows: Sequence[Row], pose_sets: Sequence[str] = INSIDE) -> Tallie
 
 
 def worlds_of(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
-    """Severity of look and of physics of the worlds of the rows, kindest first; simulation is left aside."""
+    """Severity of look and of physics of the worlds of the rows, mildest first; simulation is left out."""
     found = {row["world"]: (row["look"], row["physics"]) for row in rows if row["world"] != STRICT_WORLD}
     return dict(sorted(found.items(), key=lambda item: (item[1], item[0])))
 
@@ -138,7 +138,7 @@ def severity_label(severity: tuple[str, str]) -> str:
 
 
 def by_severity(rows: Sequence[Row]) -> list[Row]:
-    """Rows whose `world` is the severity's label, so that worlds of one severity count together; simulation stays itself."""
+    """Replace `world` in each row by its severity's label, so that worlds of one severity count together; keep simulation."""
     return [
         row if row["world"] == STRICT_WORLD else {**row, "world": severity_label((row["look"], row["physics"]))} for row in rows
     ]
@@ -146,11 +146,11 @@ def by_severity(rows: Sequence[Row]) -> list[Row]:
 
 @dataclass(frozen=True)
 class Lead:
-    """What policies succeed more often than others, mean over the same cells.
+    """Lead of some policies over others: the difference of their mean success over the same cells.
 
     Args:
-        ours: Successes and trials of the trainings of the policies, by cell.
-        theirs: Those of the others, of the same cells in the same order.
+        ours: Successes and trials of each training of the leading side, by cell.
+        theirs: The same of the other side, for the same cells in the same order.
     """
 
     ours: Cells
@@ -158,7 +158,7 @@ class Lead:
 
     @classmethod
     def over_common_cells(cls, ours: Cells, theirs: Cells) -> Lead | None:
-        """The lead over the cells that both have; None where they have none."""
+        """Make the lead over the cells that both sides have; None where they have none in common."""
         common = [place for place in ours if place in theirs]
         return cls({place: ours[place] for place in common}, {place: theirs[place] for place in common}) if common else None
 
@@ -169,18 +169,18 @@ class Lead:
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """Its 95 % interval, see `lead_interval`."""
+        """95 % interval of `value`, see `lead_interval`."""
         return lead_interval(self.ours.values(), self.theirs.values())
 
 
 def lead_over_best_mesh(tallies: Tallies, variant: str, world: str, splats: str = "gs") -> tuple[str, Lead] | None:
-    """The mesh whose policies succeed most often at equal variation of colours, and what splats lead it by.
+    """Find the mesh whose policies succeed most often at the same variation of colours, and the lead of splats over it.
 
     Args:
         tallies: Successes and trials by group.
-        variant: Way of learning of both.
+        variant: Variant of both sides.
         world: World, or severity's label.
-        splats: The renderer that is compared.
+        splats: Renderer that is compared with the meshes.
 
     Returns:
         Renderer of the best mesh, and the lead over the cells that splats and every mesh have; None where there are none.
@@ -198,7 +198,7 @@ def lead_over_best_mesh(tallies: Tallies, variant: str, world: str, splats: str 
 
 
 def graded_rates(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
-    """Success by policy and world, inside the training square."""
+    """Success rate by policy and world, 0..1, from start poses inside the training square."""
     out: dict[str, dict[str, float]] = {}
     counts: dict[tuple[str, str], list[int]] = {}
     for row in rows:
@@ -212,10 +212,10 @@ def graded_rates(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
 
 
 def graded_pairs(rates: Mapping[str, Mapping[str, float]], world: str) -> tuple[list[float], list[float]]:
-    """Success in simulation and in a world of the policies that were tried in both.
+    """Success in simulation and in another world, for the policies that were tried in both.
 
     Args:
-        rates: `graded_rates`.
+        rates: Rates as `graded_rates` gives them.
         world: World, or severity's label.
     """
     both = [found for found in rates.values() if STRICT_WORLD in found and world in found]
@@ -223,7 +223,7 @@ def graded_pairs(rates: Mapping[str, Mapping[str, float]], world: str) -> tuple[
 
 
 def resting(rows: Sequence[Row]) -> str:
-    """What the rows rest on: how many cells, trainings, starts and worlds, in a sentence."""
+    """State in a sentence how many cells, trainings, starts and worlds the rows rest on."""
     groups = tallies_of(rows)
     trainings = sorted({len(cell) for cells in groups.values() for cell in cells.values()})
     starts = sorted({tried for cells in groups.values() for cell in cells.values() for _, tried in cell})
@@ -244,7 +244,7 @@ def _counted(counts: Sequence[int], noun: str) -> str:
 
 
 def doubts(rows: Sequence[Row]) -> list[str]:
-    """What degraded policies or trials are degraded for, each with how many trainings it concerns, as lines of a page."""
+    """List why policies or trials are degraded, each reason with the number of trainings it concerns, as lines of a page."""
     reasons: dict[str, set[tuple[CellPaths, str]]] = {}
     for row in rows:
         for reason in filter(None, row["reasons"].split(BETWEEN_REASONS)):

@@ -91,11 +91,11 @@ def stages_table(records: Records) -> Table | None:
 
 
 def _digits(value: float | None, digits: int) -> str:
-    """A number with so many decimals, or a dash."""
+    """Format a number with `digits` decimals; None becomes a dash."""
     return DASH if value is None else f"{value:.{digits}f}"
 
 
 def _relative_scale_error(align: Mapping[str, Any]) -> str:
-    """Standard error of the scale in percent of it, or a dash."""
+    """Format the standard error of the scale in percent of the scale; a dash where it is not known."""
     scale, error = align.get("scale"), align.get("scale_se")
     return DASH if not scale or error is None else f"{100 * error / scale:.3f}"

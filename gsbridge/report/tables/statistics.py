@@ -16,7 +16,7 @@ from gsbridge.geometry import Array
 from gsbridge.statistics import CONFIDENCE, Tally, check_counts, limits, redrawn_rates, trainings_interval, wilson_interval
 
 WIDEST = "95 %, widest of bootstrap, Student and Wilson"
-"""What an interval of several policies is."""
+"""Name of the kind of interval that `mean_interval` gives for more than one training."""
 
 
 def fisher_p(sim_successes: int, sim_trials: int, real_successes: int, real_trials: int) -> float:
@@ -57,7 +57,7 @@ def mean_relative_drop(changes: Sequence[float | None]) -> float | None:
 def pearson(sim_rates: Sequence[float], real_rates: Sequence[float]) -> float | None:
     """Pearson's correlation of the cells' success rates in two worlds, -1..1.
 
-    None for fewer than two cells, or where all cells of a world have the same rate: there it is not defined.
+    None for fewer than two cells, or where all cells of a world have the same rate: r is not defined there.
 
     Raises:
         ValueError: There are not as many rates in both worlds.
@@ -69,10 +69,11 @@ def pearson(sim_rates: Sequence[float], real_rates: Sequence[float]) -> float | 
 
 
 def mean_maximum_rank_violation(sim_rates: Sequence[float], real_rates: Sequence[float]) -> float | None:
-    """MMRV of SIMPLER: by how much reality is judged wrongly where simulation ranks two cells the other way round; 0 is best.
+    """MMRV of SIMPLER: how much success in reality is misjudged by the ranks of simulation; 0 is best.
 
-    For each cell the largest difference in reality to any other cell that simulation puts on the wrong side, averaged over the
-    cells. A tie in one world alone counts as a violation for one cell of the pair, as in SIMPLER's code. None without cells.
+    For each cell, take the largest difference in reality to any cell that simulation ranks the other way round; the mean
+    maximum rank violation (MMRV) averages it over the cells. A tie in one world alone counts as a violation for one cell of the
+    pair, as in SIMPLER's code. None without cells.
 
     Args:
         sim_rates: Success rates in simulation, 0..1. [N].
@@ -91,17 +92,18 @@ def mean_maximum_rank_violation(sim_rates: Sequence[float], real_rates: Sequence
 
 
 def mean_rate(cells: Collection[Sequence[Tally]]) -> float:
-    """Mean success over cells, each counting the same; of each cell the successes and trials of its trainings."""
+    """Mean success rate over cells, each counting the same; a cell lists successes and trials of its trainings."""
     return fmean(sum(good for good, _ in cell) / sum(tried for _, tried in cell) for cell in cells)
 
 
 def mean_interval(cells: Collection[Sequence[Tally]]) -> tuple[float, float]:
-    """95 % interval of that mean over cells, or of the rate of a single one.
+    """95 % interval of `mean_rate`.
 
-    Of one policy it is Wilson's, and says nothing of other trainings. Of more it is the widest of three: a hierarchical
-    bootstrap's (each cell's trainings are drawn anew, then their starts), Wilson's of as many trials, since next to nothing is
-    left to redraw where nearly all trials go alike, and Student's of the trainings' own rates, since drawing three trainings
-    anew shows only two thirds of how trainings differ.
+    For one training of one cell it is Wilson's interval, which says nothing about other trainings. Otherwise it is the widest
+    of
+    three: a hierarchical bootstrap's (it redraws each cell's trainings, then their starts); Wilson's for as many trials,
+    because the bootstrap hardly varies where nearly all trials end alike; and Student's of the trainings' own rates, because
+    redrawing three trainings shows only two thirds of the variance between trainings.
 
     Source: Davison and Hinkley, Bootstrap Methods and their Application, 1997, sections 2.3 and 3.8.
     """
@@ -113,14 +115,14 @@ def mean_interval(cells: Collection[Sequence[Tally]]) -> tuple[float, float]:
 
 
 def interval_kind(cells: Collection[Sequence[Tally]]) -> str:
-    """What `mean_interval` is of these cells, in words."""
+    """Name the kind of interval that `mean_interval` gives for these cells."""
     return "95 % (Wilson)" if [len(cell) for cell in cells] == [1] else WIDEST
 
 
 def lead_interval(ours: Collection[Sequence[Tally]], others: Collection[Sequence[Tally]]) -> tuple[float, float]:
-    """95 % interval of the difference of two means over the same cells: the widest of the three that `mean_interval` knows.
+    """95 % interval of the difference of two means over the same cells: the widest of the three kinds in `mean_interval`.
 
-    Wilson's limits of both means are joined by squares.
+    The distances of both means to their Wilson limits are combined as the root of the sum of squares.
 
     Source: Newcombe, Interval estimation for the difference between independent proportions, 1998, method 10.
     """
@@ -134,7 +136,7 @@ def lead_interval(ours: Collection[Sequence[Tally]], others: Collection[Sequence
 
 
 def _wilson(cells: Collection[Sequence[Tally]]) -> tuple[float, float]:
-    """Wilson's interval of a mean over cells, of as many trials as would scatter as the mean does."""
+    """Wilson's interval of a mean over cells, for the number of trials whose rate would vary as much as the mean does."""
     trials = [sum(tried for _, tried in cell) for cell in cells]
     count, rate = round(len(trials) ** 2 / sum(1.0 / tried for tried in trials)), mean_rate(cells)
     low, high = wilson_interval(round(rate * count), count)
@@ -142,13 +144,13 @@ def _wilson(cells: Collection[Sequence[Tally]]) -> tuple[float, float]:
 
 
 def _spread(cells: Collection[Sequence[Tally]]) -> list[tuple[float, int]]:
-    """What each cell of several trainings adds to the variance of the mean, by the trainings' own rates, and its freedom."""
+    """Variance that each cell of several trainings adds to the mean, from its trainings' rates, and its degrees of freedom."""
     rates = [[good / tried for good, tried in cell] for cell in cells if len(cell) > 1]
     return [(float(np.var(cell, ddof=1)) / len(cell) / len(cells) ** 2, len(cell) - 1) for cell in rates]
 
 
 def _student(parts: Sequence[tuple[float, int]]) -> float:
-    """Half the 95 % interval of a sum of independent means whose variances and degrees of freedom are given; 0 for none.
+    """Half width of the 95 % interval of a sum of independent means with these variances and degrees of freedom; 0 for none.
 
     Source: Welch, The generalization of Student's problem when several different population variances are involved, 1947.
     """
@@ -160,13 +162,13 @@ def _student(parts: Sequence[tuple[float, int]]) -> float:
 
 
 def _redrawn_mean(cells: Collection[Sequence[Tally]], stream: int) -> Array:
-    """Redrawn means over cells. [REDRAWS]."""
+    """Redraw the mean over cells by bootstrap; each `stream` has random numbers of its own. [REDRAWS]."""
     drawn = [redrawn_rates(cell, 1000 * stream + number) for number, cell in enumerate(cells)]
     return np.asarray(np.mean(drawn, axis=0))
 
 
 def _paired(sim_rates: Sequence[float], real_rates: Sequence[float]) -> tuple[Array, Array]:
-    """Both as arrays of the same length. [N], [N]."""
+    """Convert both to arrays, and refuse unequal lengths. [N], [N]."""
     sim, real = np.asarray(sim_rates, dtype=np.float64), np.asarray(real_rates, dtype=np.float64)
     if sim.shape != real.shape or sim.ndim != 1:
         raise ValueError(f"rates of {sim.shape} and of {real.shape} cells are no pairs")

@@ -31,19 +31,19 @@ def standard_cells(rows: Sequence[Row], task: str, renderer: str = "gs") -> list
 
 
 def paper_mean(cells: Sequence[CellPaths], world: str) -> float | None:
-    """Mean of the paper's success rates over cells, if it has them all; 0..1."""
+    """Mean of the paper's success rates over cells, 0..1; None unless the paper has all of them."""
     known = [PAPER_SUCCESS[cell].rate(world) for cell in cells if cell in PAPER_SUCCESS]
     return statistics.fmean(known) if known and len(known) == len(cells) else None
 
 
 def paper_change(cell: CellPaths) -> float | None:
-    """The paper's relative change of a cell, from its simulation to its robot."""
+    """The paper's relative change of a cell from its simulation to its robot; None where it has not tried the cell."""
     paper = PAPER_SUCCESS.get(cell)
     return None if paper is None else relative_change(paper.rate(STRICT_WORLD), paper.rate(ROBOT))
 
 
 def paper_drop(cells: Sequence[CellPaths] = PAPER_SCENARIOS) -> float | None:
-    """The paper's mean relative drop over cells, if it has them all."""
+    """The paper's mean relative drop over cells; None unless the paper has all of them."""
     return mean_relative_drop([paper_change(cell) for cell in cells])
 
 
@@ -71,23 +71,23 @@ MEAN_NOTE = (
 
 
 def percent(share: float | None, digits: int = 1, *, signed: bool = False) -> str:
-    """A share in percent with a true minus sign; a dash for none.
+    """Format a share in percent with a true minus sign; None becomes a dash.
 
     Args:
-        share: 0..1, or below 0 for a fall; None for none.
+        share: 1 is 100 %; negative for a drop; None for no value.
         digits: Digits behind the point.
         signed: Whether a positive share gets a plus sign.
     """
     if share is None:
         return DASH
-    # Shares of 32 trials end in 5 often: halves go away from zero, as on paper, and not to the even digit.
+    # Shares of 32 trials often end in 5. Halves are rounded away from zero, as by hand, and not to the even digit.
     size = math.floor(abs(100 * share) * 10**digits + 0.5 + 1e-9) / 10**digits
     sign = "" if size == 0 else "−" if share < 0 else "+" if signed else ""
     return f"{sign}{size:.{digits}f} %"
 
 
 def counted(count: Count | None) -> str:
-    """`31/32 96.9 % [84 … 99]`."""
+    """Format a count with its rate and interval, such as `31/32 96.9 % [84 … 99]`; None becomes a dash."""
     if count is None:
         return DASH
     low, high = count.interval
@@ -96,14 +96,14 @@ def counted(count: Count | None) -> str:
 
 
 def p_text(value: float | None) -> str:
-    """A p-value: two decimals, more where it is small."""
+    """Format a p-value with two decimals, or more where it is small; None becomes a dash."""
     if value is None:
         return DASH
     return f"{value:.2f}" if value >= 0.095 else f"{value:.3f}" if value >= 0.001 else f"{value:.0e}"
 
 
 def cell_title(cell: CellPaths) -> str:
-    """`cake on foam pad`, with the variant where it is not the paper's."""
+    """Name a cell, such as `cake on foam pad`, with its variant unless that is the paper's."""
     text = f"{cell.object} on {cell.background}".replace("_", " ")
     return text if cell.variant == "default" else f"{text} ({cell.variant})"
 
@@ -117,8 +117,8 @@ def success_table(
         rows: Rows of a success table.
         pose_set: Name of the set.
         title: Caption.
-        other: The other world; on a robot only the cells that were tried there are shown.
-        renderers: Say of each cell what drew its training's pictures.
+        other: The other world; unless it is the mirror, only cells that were tried there are shown.
+        renderers: Add a column that says what drew the pictures of each cell's training.
     """
     mine = [row for row in rows if row["pose_set"] == pose_set and row["world"] in (STRICT_WORLD, other)]
     counts = read_counts(mine)
@@ -160,10 +160,10 @@ def _status(rows: Sequence[Row]) -> dict[CellPaths, str]:
 
 
 def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None:
-    """Means over the cells of a task; None unless there are several.
+    """Means over the cells of a task; None for fewer than two cells.
 
     Args:
-        rows: Rows of a success table; policies trained on splats the paper's way count.
+        rows: Rows of a success table; only policies trained on splats in the paper's way count.
         task: Task whose cells count.
         title: Caption.
     """
@@ -199,7 +199,7 @@ def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None
 
 
 def mirrors_table(rows: Sequence[Row], *, title: str) -> Table | None:
-    """Table of one set of policies in all mirrors, each with its own shape, light and physics; None for fewer than two."""
+    """Table of the same policies in all mirrors, each with its own shape, light and physics; None for less than two mirrors."""
     counts = read_counts(rows)
     worlds = [world for world in worlds_in(counts) if world.split("_")[0] == MIRROR]
     if len(worlds) < 2:
@@ -215,7 +215,7 @@ def mirrors_table(rows: Sequence[Row], *, title: str) -> Table | None:
 
 
 def success_tables(named: Mapping[str, Sequence[Row]]) -> dict[str, list[Table]]:
-    """All printed tables by the name of their rows.
+    """Make all printed tables, by the name of their rows.
 
     Args:
         named: Rows of `grasping`, `renderer_contrast` and `pick_and_place`, or some of them.
@@ -247,7 +247,7 @@ def success_tables(named: Mapping[str, Sequence[Row]]) -> dict[str, list[Table]]
 
 
 def _noted(table: Table, index: int, tables: Sequence[Table], name: str, rows: Sequence[Row]) -> Table:
-    """The table with its notes; those on all tables stand below the last one."""
+    """Add the notes that hold for all tables to the last one; return any other table unchanged."""
     if index < len(tables) - 1:
         return table
     notes = [COUNT_NOTE, CHANGE_NOTE]
@@ -259,7 +259,7 @@ def _noted(table: Table, index: int, tables: Sequence[Table], name: str, rows: S
 
 
 def _contact_note(rows: Sequence[Row]) -> str:
-    """How many successes hang on the rule about excess contact."""
+    """State how many successes depend on the rule about excess contact."""
     parts = [
         f"{row['world']} {row['pose_set']} {row['successes_strict']} and {row['successes_tolerant']} of {row['trials']}"
         for row in rows

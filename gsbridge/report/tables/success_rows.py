@@ -43,12 +43,12 @@ class Trials:
     """Trials of one policy in one world.
 
     Args:
-        pose_set: `fixed` or `unseen`. str [N].
+        pose_set: `fixed`, `unseen` or `outside`. str [N].
         index: Number of the start pose in its set, 0 to 31. int [N].
         quadrant: Quadrant of the start pose, 1 to 4. int [N].
         success: Success by all rules of the task. bool [N].
-        success_tolerant: Excess contact forgiven. bool [N].
-        failure: Word of `Failure`; `none` for a success, empty where the reason was not written down. str [N].
+        success_tolerant: Success if excess contact is forgiven. bool [N].
+        failure: Word of `Failure`; `none` for a success, empty where no reason was recorded. str [N].
     """
 
     pose_set: Array
@@ -80,12 +80,12 @@ def read_trials(path: str | Path) -> Trials:
     """Read the trials of one policy in one world.
 
     Args:
-        path: CSV with the columns `TRIAL_COLUMNS`, or with `REQUIRED` alone; further columns are left aside. Yes and no may be
-            written as true and false, 1 and 0, or yes and no. Without `success_tolerant` no excess contact was forgiven;
-            without `quadrant` it is that of the pose's index.
+        path: CSV with the columns `TRIAL_COLUMNS`, or with `REQUIRED` alone; further columns are ignored. Yes and no may be
+            written as true and false, 1 and 0, or yes and no. A missing `success_tolerant` equals `success`; a missing
+            `quadrant` follows from the pose's index.
 
     Raises:
-        InputError: A column is missing, a value makes no sense, a start pose stands twice, or there is no trial.
+        InputError: A column is missing, a value makes no sense, a start pose appears twice, or there is no trial.
     """
     rows = [{name.strip(): value.strip() for name, value in row.items()} for row in read_rows(path)]
     if not rows:
@@ -93,7 +93,7 @@ def read_trials(path: str | Path) -> Trials:
     missing = [name for name in REQUIRED if name not in rows[0]]
     if missing:
         raise InputError(path, f"the columns {', '.join(missing)} are missing", _REMEDY)
-    # Behind the header, the first line of data is the file's second.
+    # The header is line 1, so the first trial stands on line 2.
     trials = [_trial(path, line, row) for line, row in enumerate(rows, 2)]
     counts = Counter((trial["pose_set"], trial["index"]) for trial in trials)
     twice = [f"{pose_set} {index}" for (pose_set, index), count in counts.items() if count > 1]
@@ -151,8 +151,8 @@ COLUMNS = (
 )
 """Rates and changes are shares, not percent. `successes` are counted as the paper does: excess contact is a failure in
 simulation only; `successes_tolerant` forgives it everywhere, `successes_strict` nowhere. `relative_change` and `fisher_p`
-compare a world with simulation, for the same cell and start poses: with `sim_successes` of `sim_trials`, fewer than all of
-simulation where not all start poses were tried. `by_training` has successes and trials of each, `31/32 30/32`."""
+compare a world with simulation for the same cell and start poses, that is with `sim_successes` of `sim_trials`: fewer than all
+trials in simulation where the world did not try all start poses. `by_training`: successes/trials of each, `31/32 30/32`."""
 
 TASKS = ("grasp", "pick_and_place")
 ROBOT = "robot"
@@ -166,8 +166,8 @@ class ReadTrials:
         cell: What the policy was trained for.
         world: `sim`, `mirror`, `mirror_2`, … or `robot`.
         seed: Seed of the training.
-        trials: What happened.
-        reasons: Why the trials, or the policy, are no clean pass.
+        trials: Outcome of each trial.
+        reasons: Why the trials, the policy or its scenes are degraded.
     """
 
     cell: CellPaths
@@ -184,16 +184,16 @@ def read_trial_files(
     policies: Sequence[str | Path] = (),
     records: Sequence[str | Path] = (),
 ) -> list[ReadTrials]:
-    """Read trials and what is known to be wrong with them.
+    """Read trials and the reasons why they are degraded.
 
     Args:
         paths: `trials/{cell}/{world}/seed{seed}.csv`, each beside its record `seed{seed}.json`.
-        robot: A user's own trials by `{task}/{object}+{background}/{renderer}/{variant}`; CSV without a record.
+        robot: The user's own trials on a robot, by `{task}/{object}+{background}/{renderer}/{variant}`; CSV without a record.
         policies: `policies/{cell}/seed{seed}/training.json`.
-        records: Records of the stages that made the scenes: what one of them degraded, no later stage makes whole.
+        records: Records of the stages that made the scenes; a scene that one of them marks as degraded stays degraded.
 
     Raises:
-        InputError: A file is damaged, or stands where its cell cannot be told.
+        InputError: A file is damaged, or its path does not tell its cell.
     """
     before = degraded_reasons(read_records(records))
     trained = {}
@@ -207,21 +207,21 @@ def read_trial_files(
             raise InputError(path, "the world cannot be told from this path", "Keep it below <variant>/<world>/seed<seed>.csv")
         seed = seed_of(rest[1], path)
         own = trained.get((cell, seed), ())
-        # A record of trials repeats why its policy is degraded.
+        # A record of trials repeats the reasons of its policy; list each reason once.
         repeated = {reason.replace("training: ", "trials: policy: ", 1) for reason in own}
         reasons = (*own, *(reason for reason in _reasons(path.with_suffix(".json"), "trials") if reason not in repeated))
         out.append(ReadTrials(cell, rest[0], seed, read_trials(path), (*_scene_reasons(cell, before), *reasons)))
     for name, path in (robot or {}).items():
         cell, _ = cell_of(Path("trials", name, ROBOT, "seed0.csv"), "trials")
         every = [doubts for (other, _), doubts in trained.items() if other == cell]
-        # Which seed drove the robot is not written down: a reservation about one is a reservation about the trials.
+        # The trials do not say which seed drove the robot, so the reasons of all seeds count.
         reasons = tuple(dict.fromkeys(reason for doubts in every for reason in doubts))
         out.append(ReadTrials(cell, ROBOT, 0, read_trials(path), (*_scene_reasons(cell, before), *reasons)))
     return out
 
 
 def _reasons(path: str | Path, stage: str) -> tuple[str, ...]:
-    """Why a record is degraded, the stage's name before each reason; a policy's record may have no status."""
+    """Read why a record is degraded, with the stage's name before each reason; a policy's record may have no status."""
     record = read_json(path)
     if record.get("status") != "degraded":
         return ()
@@ -229,15 +229,15 @@ def _reasons(path: str | Path, stage: str) -> tuple[str, ...]:
 
 
 def _scene_reasons(cell: CellPaths, before: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """What is wrong with a cell's two scenes."""
+    """List why a cell's two scenes are degraded."""
     return tuple(f"{scene}: {reason}" for scene in (cell.object, cell.background) for reason in before.get(scene, ()))
 
 
 def success_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
-    """Rows of a success table; seeds of a training pool their trials.
+    """Make the rows of a success table; the trials of all seeds are pooled.
 
     Raises:
-        InputError: A seed stands twice in a cell and world.
+        InputError: A seed appears twice in a cell and world.
     """
     groups: dict[tuple[CellPaths, str], list[ReadTrials]] = {}
     for file in files:
@@ -283,12 +283,12 @@ def success_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
 
 
 def tallies_text(tallies: Sequence[Tally]) -> str:
-    """Successes and trials of each training as a cell of the rows."""
+    """Format successes and trials of each training for the column `by_training`."""
     return " ".join(f"{good}/{tried}" for good, tried in tallies)
 
 
 def tallies_in(text: str) -> tuple[Tally, ...]:
-    """What `tallies_text` wrote."""
+    """Parse the text that `tallies_text` writes."""
     return tuple((int(good), int(tried)) for good, tried in (part.split("/") for part in text.split()))
 
 
@@ -310,7 +310,7 @@ def _count(group: Sequence[ReadTrials], world: str, pose_set: str) -> dict[str, 
 
 
 def _same_starts(group: Sequence[ReadTrials], sim: Sequence[ReadTrials], pose_set: str) -> Tally | None:
-    """Successes and trials of simulation from the start poses of a set that a world tried, too; None for none."""
+    """Successes and trials in simulation from those start poses of a set that another world tried, too; None for none."""
     tried = {int(number) for file in group for number in file.trials.of(pose_set).index}
     found = [file.trials.of(pose_set).starting_at(tried).judged(STRICT_WORLD) for file in sim]
     trials = sum(map(len, found))
@@ -318,12 +318,12 @@ def _same_starts(group: Sequence[ReadTrials], sim: Sequence[ReadTrials], pose_se
 
 
 def _p(value: float) -> str:
-    """A p-value with significant digits instead of decimals: small ones are the ones that matter."""
+    """Format a p-value with significant digits, because a fixed number of decimals would lose small ones."""
     return f"{value:.4g}"
 
 
 def _name(cell: CellPaths) -> str:
-    """A cell as in paths."""
+    """Name a cell as paths do."""
     return f"{cell.task}/{cell.object}+{cell.background}/{cell.renderer}/{cell.variant}"
 
 
@@ -340,7 +340,7 @@ def row_order(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def cell_order(cell: CellPaths) -> tuple[Any, ...]:
-    """Sort key of cells: the paper's first and in its order, then by name; RL-sim behind the splats of the same cell."""
+    """Sort key of cells: the paper's first and in its order, then by name; RL-sim after the splats of the same cell."""
     known = list(PAPER_SUCCESS)
     place = CellPaths(cell.task, cell.object, cell.background)
     return (

@@ -34,7 +34,7 @@ def name_of(path: str | Path) -> tuple[str, str]:
 
 
 def timing_rows(benchmarks: Sequence[str | Path]) -> list[dict[str, Any]]:
-    """Rows of all whole benchmark files; repeated measurements of one job are averaged, the memory is their largest."""
+    """Make rows of all intact benchmark files; times are averaged over repeats of a job, memory is their maximum."""
     rows = []
     for path in benchmarks:
         rule, item = name_of(path)
@@ -44,7 +44,7 @@ def timing_rows(benchmarks: Sequence[str | Path]) -> list[dict[str, Any]]:
             cpu = [_number(line.get("cpu_time")) for line in lines]
             memory = [_number(line.get("max_rss")) for line in lines]
         except (OSError, json.JSONDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
-            # Jobs that run at the same time write theirs just now, and a killed one may have left half a line.
+            # A job that is still running may be writing its file, and a killed one may have left half a line.
             logger.warning("%s is left out of the timing table: this is no whole benchmark (%r)", path, error)
             continue
         if not wall:

@@ -17,20 +17,20 @@ from gsbridge.report.tables.success_rows import CELL_COLUMNS, cell_in, cell_orde
 
 PARTS = ("environment", "act", "update", "evaluate")
 CURVE_COLUMNS = ("step", "success", *(f"cpu_{part}_s" for part in PARTS))
-"""What is read of a learning curve."""
+"""Columns that are read from a learning curve."""
 
 ENOUGH = 0.95
-"""Success in an evaluation from which on a policy counts as trained."""
+"""Success rate in an evaluation from which on a policy counts as trained, 0..1."""
 
 COLUMNS = (
     *(*CELL_COLUMNS, "seed", "steps", "best_success", "retest_success", "controller_success"),
     *(*(f"cpu_{part}_min" for part in PARTS), "cpu_min", "steps_to_95", "cpu_min_to_95", "replay_mb"),
     *("frames_per_second", "status", "reasons"),
 )
-"""`cpu_*_min`: CPU minutes of the whole training, by what they went into; drawing the pictures is part of `environment`.
-`cpu_min_to_95`: CPU minutes, evaluations included, until the first evaluation with at least 95 % success. `retest_success`: of
-the chosen weights, on start poses that they were not chosen by. `frames_per_second`: environment steps, each with its picture,
-per second of acting and learning, evaluations aside; empty for trainings that did not record it."""
+"""`cpu_*_min`: CPU minutes of the whole training, by what they were spent on; drawing the pictures is part of `environment`.
+`cpu_min_to_95`: CPU minutes, evaluations included, until the first evaluation with at least 95 % success. `retest_success`:
+success of the chosen weights from start poses other than those they were chosen on. `frames_per_second`: environment steps,
+each with its picture, per second of acting and learning, evaluations aside; empty for trainings that did not record it."""
 
 
 def training_row(training_json: str | Path, curve_csv: str | Path) -> dict[str, Any]:

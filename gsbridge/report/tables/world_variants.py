@@ -16,7 +16,7 @@ def write_world_variants(rows_csv: str | Path, page: str | Path) -> None:
 
     Args:
         rows_csv: Rows `worlds.csv` of successes.
-        page: The page.
+        page: Markdown file to write.
 
     Raises:
         InputError: The rows are damaged.

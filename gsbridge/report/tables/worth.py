@@ -1,5 +1,8 @@
-"""Pages on what splats are worth: success of policies that learned from splats and from meshes, against severity; and on how
-well simulation foretells which of several policies is the better one. Their rows are those of `severity_rows`."""
+"""Pages on what splats are worth, and on how well simulation foretells which policy is the better one.
+
+The first shows the success of policies that learned from splats and from meshes, against severity; the second compares policies
+from poor to good. Their rows come from `severity_rows`.
+"""
 
 from __future__ import annotations
 
@@ -30,20 +33,20 @@ from gsbridge.report.tables.statistics import mean_interval, mean_maximum_rank_v
 from gsbridge.report.tables.success_rows import STRICT_WORLD
 
 CLAIM = 0.10
-"""Lead of splats over the best mesh at equal variation of colours, severity 3, that the paper's claim needs: a share."""
+"""Lead of splats over the best mesh that the paper's claim needs, at severity 3 and equal variation of colours: a share."""
 
 ONE_COLOUR = "mesh_shaded"
 """Renderer of the mesh in one colour, in the same shadows as splats."""
 
 TELLING = 0.30
-"""Lead of splats over that mesh, both without varied colours, from which a mirror tells the one from the other: a share."""
+"""Lead of splats over `ONE_COLOUR`, without varied colours, from which a mirror counts as telling them apart: a share."""
 
 WAYS = {"default": "With varied colours", "no_jitter": "Without varied colours"}
-"""What pages call the variants."""
+"""Titles of the variants on the pages."""
 
 
 def write_worth_page(rows_csv: str | Path, page: str | Path) -> None:
-    """Write the deciding table: success by renderer, variant and severity, and what splats lead by.
+    """Write the page on what splats are worth: success by renderer, variant and severity, and the leads of splats.
 
     Args:
         rows_csv: `rows/worth.csv`.
@@ -100,7 +103,7 @@ _ABOUT = (
 
 
 def verdict(tallies: Tallies) -> str:
-    """Whether splats lead the best mesh by more than the paper's claim needs at severity 3, in a sentence or two.
+    """State for each variant whether splats lead the best mesh by more than the paper's claim needs at severity 3.
 
     Args:
         tallies: Successes and trials by renderer, variant and severity.
@@ -119,14 +122,14 @@ def verdict(tallies: Tallies) -> str:
 
 
 def discrimination(tallies: Tallies, level: str) -> list[str]:
-    """Whether a mirror tells splats from a mesh in one colour, both without varied colours, and if not, which is to blame.
+    """State whether a mirror tells splats from a mesh in one colour, both without varied colours, and why not if it does not.
 
     Args:
         tallies: Successes and trials by renderer, variant and severity.
         level: Severity.
 
     Returns:
-        A sentence or two; none where nothing was tried.
+        One item with the sentences; empty where the two share no cell.
     """
     ours, theirs = (tallies.get((name, "no_jitter", level), {}) for name in ("gs", ONE_COLOUR))
     lead = Lead.over_common_cells(ours, theirs)
@@ -166,13 +169,13 @@ def _head(world: str, severity: tuple[str, str]) -> str:
 
 
 def _named(tallies: Tallies, part: int) -> list[str]:
-    """Renderers (0) or variants (1) of the rows, in the order of their titles or of the rows."""
+    """List the renderers (`part` 0) in the order of their titles, or the variants (`part` 1) in the order of the rows."""
     found = list(dict.fromkeys(key[part] for key in tallies))
     return [name for name in TITLES if name in found] if part == 0 else found
 
 
 def _lines(tallies: Tallies, worlds: Worlds, text: Callable[[Group], str]) -> tuple[tuple[str, ...], ...]:
-    """A line for each renderer and variant with a cell for each world."""
+    """Make a line for each variant and renderer, with a cell for each world."""
     pairs = [(name, variant) for variant in _named(tallies, 1) for name in _named(tallies, 0)]
     kept = [pair for pair in pairs if any((*pair, world) in tallies for world in worlds)]
     return tuple((TITLES[name], _way(variant), *(text((name, variant, world)) for world in worlds)) for name, variant in kept)
