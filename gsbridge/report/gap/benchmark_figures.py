@@ -1,4 +1,4 @@
-"""Figures of the blind benchmark: outcomes by size, ways of naming compared, confusion matrix, calibration of probabilities."""
+"""Figures of the blind benchmark: outcomes by size, comparison of methods, confusion matrix, calibration of probabilities."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OUTCOMES = {
     "missed": ("not noticed", "#dde3ea"),
     "wrong": ("wrong name", "#b3261e"),
 }
-"""Shares of the detection curve, from the bottom: legend and colour."""
+"""Legend and colour of each outcome in the stacked bars, from the bottom."""
 
 METHODS = {
     "gsbridge": "gsbridge",
@@ -39,7 +39,7 @@ METHODS = {
     "cma_es": "CMA-ES, as many simulations",
     "cma_es_tenfold": "CMA-ES, ten times as many",
 }
-"""Ways of naming, for people."""
+"""Titles of the methods that name hidden effects."""
 
 TIERS = {
     "t0": "T0: analytic truth",
@@ -68,18 +68,18 @@ _WRONG = LinearSegmentedColormap.from_list("wrong", ["#f6dcda", "#b3261e"])
 
 
 def effect_title(name: str, tier: str) -> str:
-    """What an effect's name stands for in a tier; the name's words where its catalogue has it not."""
+    """Title of an effect in a tier; the words of its name where the tier's catalogue does not hold it."""
     effect = IMAGE_EFFECTS.get(name) if tier == "t4" else JOINT_EFFECTS.get(name) or BODY_EFFECTS.get(name)
     return effect.title if effect else name.replace("_", " ")
 
 
 def tier_title(tier: str) -> str:
-    """Name of a tier for people."""
+    """Title of a tier; its name in capitals where it has none."""
     return TIERS.get(tier, tier.upper())
 
 
 def draw_sizes(tiers: Mapping[str, Mapping[str, Any]]) -> str:
-    """Outcomes by the size of what was hidden, one panel per tier.
+    """Draw the shares of outcomes by the size of the hidden effect, one panel per tier; a data URI.
 
     Args:
         tiers: Our scores by tier, with `by_units`.
@@ -112,12 +112,12 @@ def draw_sizes(tiers: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _from(units: float) -> str:
-    """A class of sizes by its lower edge."""
+    """Label a class of sizes by its lower edge."""
     return f"≥ {units:g}" if units else "less"
 
 
 def draw_methods(tier: str, methods: Mapping[str, Mapping[str, Any]]) -> str:
-    """Right against wrong names of every way of naming in one tier; the upper left corner is best.
+    """Draw right against wrong names of every method in one tier, as a data URI; the upper left corner is best.
 
     Args:
         tier: The tier.
@@ -137,7 +137,7 @@ def draw_methods(tier: str, methods: Mapping[str, Mapping[str, Any]]) -> str:
                 x, y, rise, reach, fmt=mark, color=colour, capsize=2, markersize=8 if ours else 6, linewidth=1,
                 label=METHODS.get(method, method),
             )  # fmt: skip
-        # A legend: the best ways lie too close together for words beside them.
+        # A legend, because the best methods lie too close together for labels beside them.
         axis.legend(loc="lower left", frameon=False, fontsize=9.5)
         axis.set_xlim(-2, 102)
         axis.set_ylim(-2, 104)
@@ -148,7 +148,7 @@ def draw_methods(tier: str, methods: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def draw_curves(lists: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Risk against coverage of every way of naming, on the same cases; lower is better.
+    """Draw risk against coverage of every method on the same cases, as a data URI; lower is better.
 
     Args:
         lists: Cases by method, as `gsbridge.report.scores.risk_coverage` takes them; the first method is this package's own.
@@ -173,13 +173,13 @@ def draw_curves(lists: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         axis.set_ylim(-2, 102)
         axis.set_xlabel("coverage: cases that are answered, %")
         axis.set_ylabel("risk: wrong among the answers, %")
-        # Above: curves may be anywhere.
+        # The legend stands above the axes, because curves may run anywhere in them.
         figure.legend(*axis.get_legend_handles_labels(), loc="outside upper left", ncols=2, frameon=False, fontsize=9)
         return data_uri(figure)
 
 
 def confusion_cells(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str], int]:
-    """Cases by what was hidden and what was answered; sets are one column, and so is the right effect at another joint."""
+    """Count cases by hidden effect and answer; ambiguous answers share a column, and so do right effects at another joint."""
     out: dict[tuple[str, str], int] = {}
     for row in rows:
         answer = row["answer"]
@@ -192,11 +192,11 @@ def confusion_cells(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str], 
 
 
 SILENT = ("ambiguous", "none_of_the_known", "not_attributable", "not_enough_excitation", "no_discrepancy", "other joint")
-"""Answers that name nothing, and the wrong joint: the last columns of the matrix."""
+"""Answers that name no single effect, and right effects at another joint: the last columns of the matrix."""
 
 
 def _axes(cells: Mapping[tuple[str, str], int]) -> tuple[list[str], list[str]]:
-    """Rows and columns of the matrix: right answers on a diagonal, silence at the right."""
+    """Rows and columns of the matrix: right answers on a diagonal, the answers in `SILENT` at the right."""
     hidden = sorted({a for a, _ in cells})
     named = sorted({b for _, b in cells} - set(SILENT))
     columns = [name for name in hidden if name in named] + [name for name in named if name not in hidden]
@@ -215,11 +215,11 @@ def confusion_width(rows: Sequence[Mapping[str, Any]], tier: str) -> float:
 
 
 def draw_confusion(rows: Sequence[Mapping[str, Any]], tier: str) -> str:
-    """The confusion matrix: hidden by answered. Blue is right or open, red is a wrong name.
+    """Draw the confusion matrix of hidden effects by answers, as a data URI; blue is right or left open, red is wrong.
 
     Args:
-        rows: `hidden`, `answer`, `cases`.
-        tier: Name of the tier, whose effects they are.
+        rows: Rows with `hidden`, `answer` and `cases`.
+        tier: Tier that the effects belong to.
     """
     cells = confusion_cells(rows)
     hidden, columns = _axes(cells)
@@ -246,7 +246,7 @@ def draw_confusion(rows: Sequence[Mapping[str, Any]], tier: str) -> str:
 
 
 def draw_calibration(tiers: Mapping[str, Mapping[str, Any]]) -> str:
-    """How often an explanation said to be best with some probability is the hidden one.
+    """Draw how often the best explanation is right against the probability stated for it, as a data URI.
 
     Args:
         tiers: Our scores by tier, with `calibration`.

@@ -1,4 +1,4 @@
-"""The page of the blind benchmark: what was named right, wrong or left open, against floors and simpler ways of naming."""
+"""The page of the blind benchmark: what was named right, wrong or left open, against floors and simpler methods."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def write_gap_benchmark(
     Args:
         scores: `scores.json` of each tier.
         floors: `benchmarks/floors.yaml`.
-        preset: Preset that they ran with.
+        preset: Preset that the tiers ran with.
         out: The HTML file.
-        real: What was said about real logs; None where they are not on this machine.
-        arm: The same of a real arm's motions.
+        real: File for `real_figures` on real logs; None where the logs are not on this machine.
+        arm: File for `arm_figures` on a real arm's motions; None likewise.
 
     Raises:
         InputError: A file is missing or damaged.
@@ -70,7 +70,7 @@ def write_gap_benchmark(
 
 
 def headline(ours: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The result in a few sentences; names in photos, whose units are far smaller, have one of their own."""
+    """State the result in a few sentences; photos have a sentence of their own, because their units are far smaller."""
     moving = [scores for tier, scores in ours.items() if tier != PHOTOS]
     right, wrong = (pooled([scores[key] for scores in moving]) for key in ("named_right", "named_wrong"))
     alarms, strange = (pooled([scores[key] for scores in ours.values()]) for key in ("false_alarm", "unknown_abstained"))
@@ -93,14 +93,14 @@ def headline(ours: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def _share(rate: Mapping[str, Any]) -> str:
-    """A rate with its interval."""
+    """Format a rate with its interval, percent; a dash where there is no rate."""
     if rate["value"] is None:
         return "–"
     return f"{100 * rate['value']:.1f} % ({100 * rate['ci95_low']:.1f} to {100 * rate['ci95_high']:.1f})"
 
 
 def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, preset: str) -> dict[str, list[Any]]:
-    """Floors of the area: rows of what was measured, names of what was not."""
+    """Collect the floors of `AREAS`: rows for figures that were measured, titles of those that were not."""
     rows: list[dict[str, str]] = []
     missing: list[str] = []
     for name, entry in read_floors(floors).items():
@@ -111,7 +111,7 @@ def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, prese
             missing.append(score["what"])
             continue
         interval = score["interval"]
-        # What ran small on purpose has not failed.
+        # A floor that is asked of another preset is not judged by this run.
         judged = entry["preset"] in (ANY_PRESET, preset)
         word = "met" if score["met"] else "unmet" if judged else "not judged"
         rows.append(
@@ -129,7 +129,7 @@ def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, prese
 
 
 def _tier(tier: str, found: Mapping[str, Any]) -> dict[str, Any]:
-    """One tier: methods, confusion, effects, kinds."""
+    """Collect what the page shows about one tier: methods, confusion, effects, kinds."""
     methods, ours = found["methods"], found["methods"][OURS]
     return {
         "id": tier,
@@ -159,10 +159,10 @@ def _tier(tier: str, found: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _curves(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, str] | None:
-    """Risk against coverage of all ways that ran in every tier of arms, or of the others where there is none of arms.
+    """Draw risk against coverage of the methods that ran in every tier of arms; without arms, in every tier with several.
 
     Returns:
-        `picture` and the titles of its `tiers`; None where there is one way only.
+        `picture` and the titles of its `tiers`; None for fewer than two methods.
     """
     chosen = [tier for tier in ARMS if tier in tiers] or [tier for tier in tiers if len(tiers[tier]["methods"]) > 1]
     found = [tiers[tier]["methods"] for tier in chosen]
@@ -174,18 +174,18 @@ def _curves(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, str] | None:
 
 
 def _plain(name: str) -> str:
-    """A name's words."""
+    """A name with spaces instead of underscores."""
     return name.replace("_", " ")
 
 
 def _effect_title(name: str, tier: str) -> str:
-    """What an effect's name stands for, with the name itself, which files hold; the name alone where no catalogue has it."""
+    """Title of an effect with the name that files use in brackets; the name alone where no catalogue has it."""
     title = effect_title(name, tier)
     return f"{title} ({_plain(name)})" if title != _plain(name) else title
 
 
 def _counts(rows: Sequence[Mapping[str, Any]], group: str, title: Callable[[str], str] = _plain) -> list[dict[str, Any]]:
-    """Cases of each group by outcome, from rates."""
+    """Turn each group's rates back into numbers of cases by outcome."""
     return [
         {
             "title": title(str(row[group])),
@@ -197,7 +197,7 @@ def _counts(rows: Sequence[Mapping[str, Any]], group: str, title: Callable[[str]
 
 
 def _wrong(ours: Mapping[str, Mapping[str, Any]]) -> list[dict[str, str]]:
-    """Every case of ours that got a wrong name, or an alarm without a reason."""
+    """List every case to which this package gave a wrong name or a false alarm."""
     return [
         {
             "tier": tier_title(tier),

@@ -26,7 +26,7 @@ SHOWN = 3
 """Channels whose residuals are drawn over time: those with the largest gap."""
 
 ROWS = 14
-"""Channels of the map and of the bars, at most; the largest are shown."""
+"""Most channels in the map and in the figure of all channels; those with the largest gap are shown."""
 
 UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m", "tool": "m"}
 """Units of channels, by kind."""
@@ -50,7 +50,7 @@ PLAIN: dict[Any, Any] = {
 
 
 def data_uri(figure: Figure) -> str:
-    """A figure as a PNG inside a page."""
+    """Encode a figure as a PNG data URI for a page, and close it."""
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=140, format="png", metadata={"Software": None})
     plt.close(figure)
@@ -63,13 +63,13 @@ def channel_units(about: Mapping[str, Any]) -> dict[str, str]:
 
 
 def channel_name(channel: str) -> str:
-    """Name of a channel such as `position.axis` for people."""
+    """Title of a channel: `position of axis` for `position.axis`."""
     kind, _, joint = channel.partition(".")
     return f"{kind} of {joint}" if joint else kind
 
 
 def largest(values: Mapping[str, float], count: int) -> list[str]:
-    """Channels with the largest values, in the order in which they stand."""
+    """The `count` channels with the largest values, in the order of `values`."""
     kept = sorted(values, key=lambda name: -values[name])[:count]
     return [name for name in values if name in kept]
 
@@ -77,7 +77,7 @@ def largest(values: Mapping[str, float], count: int) -> list[str]:
 def draw_residuals(
     series: Mapping[str, Array], role: str, channels: Sequence[str], units: Mapping[str, str] | None = None
 ) -> str:
-    """Residuals of one record over time, before and after on the same axes, in units of the noise.
+    """Draw residuals of one record over time, before and after on the same axes, in units of the noise.
 
     Args:
         series: `{role}/time` [T], `/before` and, where something was fitted, `/after` [T, C], `/sigma` [C]; see
@@ -118,10 +118,10 @@ def draw_residuals(
 
 
 def draw_channels(channels: Mapping[str, tuple[float, float]], explained: bool) -> str:
-    """Root mean square residual of each channel before and after, against the noise.
+    """Draw the root mean square residual of each channel before and after, against the noise.
 
     Args:
-        channels: Before and after, in units of the noise.
+        channels: Residual before and after by channel, in units of the noise.
         explained: Whether something was fitted, so that there are residuals after it.
     """
     names = largest({name: max(pair) for name, pair in channels.items()}, ROWS)
@@ -145,7 +145,7 @@ def draw_channels(channels: Mapping[str, tuple[float, float]], explained: bool) 
 
 
 def _log_ticks(axis: Any, top: float) -> None:
-    """A logarithmic axis of multiples of the noise with readable numbers."""
+    """Make the x axis logarithmic, in multiples of the noise, with readable numbers."""
     axis.set_xscale("log")
     top = max(top * 1.25, 2.2)
     axis.set_xlim(0.45, top)
@@ -155,7 +155,7 @@ def _log_ticks(axis: Any, top: float) -> None:
 
 
 def draw_residual_map(before: Mapping[str, Any], after: Mapping[str, Any] | None) -> str:
-    """Map of where the difference shows: channel by phase and state, and below it what remains.
+    """Draw the map of residuals, channels by phase and state, and below it the map that the explanation leaves.
 
     Args:
         before: The map, as `gsbridge.gap.diagnosis.residual_map.ResidualMap.record` gives it.
@@ -216,7 +216,7 @@ def draw_residual_map(before: Mapping[str, Any], after: Mapping[str, Any] | None
 
 
 def _cell(axis: Any, x: float, y: float, value: float, marked: bool, norm: LogNorm) -> None:
-    """The number of a cell: bold where noise does not explain it."""
+    """Write the number of a cell, bold where noise alone does not explain it."""
     if not np.isfinite(value):
         axis.text(x, y, "·", ha="center", va="center", color=_SOFT, fontsize=9)
         return
@@ -234,20 +234,20 @@ PATHS = 6
 MEASURED = "#1d2733"
 
 _BINS = 40
-"""Steps of time in which distances are summed up."""
+"""Number of time bins in which distances are averaged."""
 
 _BAND = (0.1, 0.9)
-"""Shares of the throws between which a band lies."""
+"""Quantiles of the throws' distances at the two edges of a band."""
 
 
 def draw_throws(series: Mapping[str, Array], role: str, floor: float | None, names: Sequence[str]) -> str:
-    """Distances over time, and some throws seen from above.
+    """Draw distances over time, and some throws seen from above.
 
     Args:
-        series: `{role}/throw`, `/time` and `/before` [N], `/position` and `/nominal_position` [N, 3], and `/explained_position`
-            and `/after` where something was fitted; see `gsbridge.gap.contact.workflow`.
+        series: `{role}/throw` (its number), `/time` (s) and `/before` (m) [N], `/position` and `/nominal_position` (m) [N, 3],
+            and `/explained_position` and `/after` where something was fitted; see `gsbridge.gap.contact.workflow`.
         role: `fit`, `select` or `verify`: the throws that are drawn.
-        floor: What noise and chaos explain, mean over throws, mm; None where it is not known.
+        floor: Distance that noise and chaos alone explain, mean over throws, mm; None where it is not known.
         names: Names of the throws in the user's file.
 
     Returns:
@@ -276,7 +276,7 @@ def draw_throws(series: Mapping[str, Array], role: str, floor: float | None, nam
 
 
 def _spread(axis: Axes, time: Array, distance: Array, colour: str, text: str) -> None:
-    """Mean distance over time, and the band in which most throws lie."""
+    """Draw the mean distance over time, and the band in which most throws lie."""
     edges = np.linspace(0.0, float(time.max()) + 1e-9, _BINS + 1)
     place = np.digitize(time, edges) - 1
     rows = [distance[place == k] for k in range(_BINS)]
@@ -291,7 +291,7 @@ def _spread(axis: Axes, time: Array, distance: Array, colour: str, text: str) ->
 
 
 def _draw_paths(axes: Array, series: Mapping[str, Array], role: str, names: Sequence[str]) -> None:
-    """Paths of some throws, spread evenly over the order of their distances before."""
+    """Draw the paths of some throws, picked evenly in the order of their mean distance before."""
     number = series[f"{role}/throw"].astype(int)
     sizes = np.bincount(number, weights=series[f"{role}/before"]) / np.bincount(number)
     order = np.argsort(sizes)
@@ -316,12 +316,12 @@ def _draw_paths(axes: Array, series: Mapping[str, Array], role: str, names: Sequ
 
 
 def draw_each(before: Array, after: Array | None, floor: float | None) -> str:
-    """Mean distance of every throw before and after, sorted by the distance before.
+    """Draw the mean distance of every throw before and after, sorted by the distance before.
 
     Args:
-        before: mm. [N].
-        after: mm; None where nothing was fitted. [N].
-        floor: What noise and chaos explain, mean over throws, mm.
+        before: Mean distance of each throw before, mm. [N].
+        after: The same with the explanation, mm; None where nothing was fitted. [N].
+        floor: Distance that noise and chaos alone explain, mean over throws, mm; None where it is not known.
     """
     order = np.argsort(before)
     place = np.arange(1, len(order) + 1)

@@ -52,7 +52,7 @@ class CaseFiles:
 
 
 def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
-    """Write the page; of a case of pictures that of `gsbridge.report.gap.picture_page`.
+    """Write the page of a case; a case of pictures gets the page of `gsbridge.report.gap.picture_page`.
 
     Args:
         case: Name of the case.
@@ -107,7 +107,7 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
 
 
 def account_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
-    """Lines of the account, what explains most first; `whole` is what an effect without a joint acts on."""
+    """Make the lines of the account, largest share first; `whole` is what an effect without a joint acts on."""
     return [
         {
             "title": entry["title"],
@@ -122,7 +122,7 @@ def account_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]
 
 
 def _account_text(findings: Mapping[str, Any], parts: CaseSections) -> str:
-    """What the account explains as a whole, how its shares are counted, and where the rest is."""
+    """State how much of the gap the account explains, how its shares are counted, and where most of the rest lies."""
     account = findings.get("account")
     if not account:
         return ""
@@ -136,13 +136,13 @@ def _account_text(findings: Mapping[str, Any], parts: CaseSections) -> str:
 
 
 def _residual_map_text(found: Mapping[str, Any], unit: str) -> str:
-    """The darkest cell in words."""
+    """Describe the cell of the map with the largest residual that noise does not explain."""
     place = most(found, unit)
     return f"Most of all: {place}." if place else "Nowhere more than noise would."
 
 
 def _rivals(findings: Mapping[str, Any], short: str, count: int = 8) -> list[dict[str, str]]:
-    """Explanations, the best first."""
+    """Make the rows of the table of explanations, the best first."""
     return [
         {
             "title": explanation_title(row["effects"]),
@@ -156,7 +156,7 @@ def _rivals(findings: Mapping[str, Any], short: str, count: int = 8) -> list[dic
 
 
 def _rivals_text(findings: Mapping[str, Any], parts: CaseSections) -> str:
-    """How clear the race is."""
+    """State how clearly the best explanation leads the others."""
     text = f"Explanations that were fitted to one set of {parts.logs} and judged on another."
     if findings["verdict"] == "ambiguous":
         names = " and ".join(explanation_title(item) for item in findings["ambiguous"])
@@ -171,7 +171,7 @@ def _rivals_text(findings: Mapping[str, Any], parts: CaseSections) -> str:
 
 
 def _noise(comparison: Mapping[str, Any], about: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Noise and gap of each channel."""
+    """Make the rows of the table of noise and gap by channel."""
     records, units = comparison["records"], channel_units(about)
     return [
         {
@@ -185,7 +185,7 @@ def _noise(comparison: Mapping[str, Any], about: Mapping[str, Any]) -> list[dict
 
 
 def _records(about: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The records that were used."""
+    """Make the rows of the table of records."""
     return [
         {
             "name": item["name"],
@@ -201,12 +201,12 @@ def _records(about: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _joints(names: list[str]) -> str:
-    """How many joints; nothing where there is none."""
+    """State the number of joints; empty text where there is none."""
     return "" if not names else "1 joint, " if len(names) == 1 else f"{len(names)} joints, "
 
 
 def _provenance(findings: Mapping[str, Any], about: Mapping[str, Any], screening: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Sources of the page's figures."""
+    """List what the page's figures were made from: files, versions, seed and effort."""
     runs = findings["simulations"]
     return [
         ("model", f"{Path(about['model']).name}, SHA-256 {about['model_digest']}"),

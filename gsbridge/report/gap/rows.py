@@ -14,7 +14,7 @@ COLUMNS = (
     "case", "verdict", "effects", "amended", "ambiguous", "something_remains", "p_value", "select_before", "select_after",
     "verify_before", "verify_after", "closure", "bank_simulations", "simulations", "seed", "status",
 )  # fmt: skip
-"""Times are not among them: the same seed gives the same table."""
+"""No column holds a time, so that the same seed gives the same table."""
 
 
 def gap_row(case: str, findings: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ JUDGED = "verify"
 
 
 def read_series(path: str | Path) -> dict[str, Array]:
-    """Motion and residuals that `replay_gap` left.
+    """Read the motion and the residuals that `replay_gap` wrote.
 
     Raises:
         InputError: The file is missing or damaged.
@@ -40,9 +40,9 @@ class CaseSections(ABC):
 
     Args:
         about: What the page compares, in a sentence.
-        logs: What its measurements are called.
+        logs: Plural noun for its measurements, such as `records`.
         short: Unit of the rivals' distances, empty for multiples of the noise.
-        enough: How far rivals must be behind, where that is one number.
+        enough: Words on how far behind rivals must be, where that is one number; otherwise empty.
         whole: What an effect without a joint acts on.
         shares_note: How the account's shares are counted, where they differ from the figures at the top.
         map_caption: Caption of the map of residuals.
@@ -62,12 +62,12 @@ class CaseSections(ABC):
 
     @abstractmethod
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
-        """The figures at the top: gap before and after on the record that was judged.
+        """Make the figures at the top: gap before and after on the record `JUDGED`.
 
         Args:
             findings: Content of `findings.json`.
             judged: What `replays.json` says about the record `JUDGED`.
-            explained: Whether an explanation was found, so that there is an after.
+            explained: Whether an explanation was found, so that there are residuals after it.
 
         Returns:
             One item per figure, as the page's template takes it.
@@ -82,13 +82,13 @@ class CaseSections(ABC):
         explained: bool,
         units: Mapping[str, str],
     ) -> dict[str, str]:
-        """Draw the two figures of before and after.
+        """Draw the two figures that compare before and after.
 
         Args:
             findings: Content of `findings.json`.
             series: What `read_series` gave, by `{role}/{what}`. [...] each.
             judged: What `replays.json` says about the record `JUDGED`.
-            explained: Whether an explanation was found, so that there is an after.
+            explained: Whether an explanation was found, so that there are residuals after it.
             units: Unit of each kind of channel, or of a channel alone.
 
         Returns:
@@ -100,7 +100,7 @@ class MechanismSections(CaseSections):
     """Sections about records of a mechanism; gaps are multiples of the noise."""
 
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
-        """Figures of the gap in multiples of the noise."""
+        """Make the figures of the gap in multiples of the noise."""
         checked = findings["verify"]
         before = checked["before"] if checked else judged["before"]
         out = [_number(f"{plain(before)} ×", "the noise: gap before, on a record not fitted", "before")]
@@ -117,7 +117,7 @@ class MechanismSections(CaseSections):
         explained: bool,
         units: Mapping[str, str],
     ) -> dict[str, str]:
-        """Residuals over time, and of every channel."""
+        """Draw residuals over time, and the residual of every channel."""
         pairs = _channel_pairs(series, judged["channels"])
         text = "Measured less simulated on the record verify, which neither fitting nor choosing has seen."
         if explained:
@@ -140,7 +140,7 @@ class ThrowSections(CaseSections):
     """Sections about throws; gaps are in millimetres."""
 
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
-        """Figures of the gap as mean distances."""
+        """Make the figures of the gap as mean distances, mm."""
         checked = findings["verify"]
         before = checked["before"] if checked else judged["before"]
         out = [_number(f"{before:.3g} mm", "mean distance before, on throws not fitted", "before")]
@@ -158,7 +158,7 @@ class ThrowSections(CaseSections):
         explained: bool,
         units: Mapping[str, str],
     ) -> dict[str, str]:
-        """Distances over time with some paths, and the distance of every throw."""
+        """Draw distances over time with some paths, and the mean distance of every throw."""
         number, floor = series[f"{JUDGED}/throw"].astype(int), _floor(findings)
         sizes = [
             1e3 * np.bincount(number, weights=series[f"{JUDGED}/{when}"]) / np.bincount(number)
@@ -227,12 +227,12 @@ def _model(findings: Mapping[str, Any]) -> str:
 
 
 def _floor(findings: Mapping[str, Any]) -> float:
-    """What noise and chaos explain, mm."""
+    """Distance that noise and chaos alone explain, mm."""
     return 1e3 * float(findings["noise_floor"]["position"])
 
 
 def _channel_pairs(series: Mapping[str, Array], channels: list[str]) -> dict[str, tuple[float, float]]:
-    """Root mean square residual of each channel before and after."""
+    """Root mean square residual of each channel before and after, in units of the noise."""
     before = series[f"{JUDGED}/before"]
     after = series.get(f"{JUDGED}/after", before)
     sizes = [np.sqrt((values**2).mean(axis=0)) for values in (before, after)]

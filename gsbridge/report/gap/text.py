@@ -22,11 +22,11 @@ LABELS = {
     "not_attributable": ("something remains, not attributable", "warn"),
     "not_enough_excitation": ("not enough excitation", "warn"),
 }
-"""Verdicts for people, and whether they are an answer; `likely` is one whose account says so."""
+"""Title of each verdict, and its tone: whether it is an answer. `likely` stands for findings of which `says_likely` is true."""
 
 
 def head(found: Mapping[str, Any]) -> dict[str, Any]:
-    """What stands at the head of a page about findings, under the names of its template."""
+    """Collect the head of a page about findings, by the names that its template asks for."""
     label, tone = LABELS["likely" if says_likely(found) else found["verdict"]]
     return {
         "verdict": label,
@@ -38,12 +38,12 @@ def head(found: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def explanation(names: Any) -> str:
-    """One explanation: a set of effects with their joints, from a list of names or a joined text."""
+    """Join the names of an explanation, effects with their joints; a text that is joined already is returned as it is."""
     return names if isinstance(names, str) else " + ".join(names)
 
 
 def effect_title(name: str) -> str:
-    """`coulomb:axis` for people: the effect's title in the catalogue, where it has one."""
+    """Title of an effect such as `coulomb:axis`, with its joint; the words of its name where no catalogue has a title."""
     word, _, joint = name.partition(":")
     effect = JOINT_EFFECTS.get(word) or BODY_EFFECTS.get(word)
     title = effect.title if effect else word.replace("_", " ")
@@ -56,7 +56,7 @@ def explanation_title(names: Any) -> str:
 
 
 def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
-    """Parameters of what was found, one row each; `whole` is what an effect without a joint acts on."""
+    """Make a row for each parameter of what was found; `whole` is what an effect without a joint acts on."""
     return [
         {
             "title": item["title"] if number == 0 else "",
@@ -73,13 +73,13 @@ def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]
 
 
 def _told(findings: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Effects with their parameters: those of the account, or of the best explanation where there is none."""
+    """Effects with their parameters: those of the account, or of the best explanation where there is no account."""
     account = findings.get("account")
     return account["entries"] if account else findings["effects"]
 
 
 def effect_notes(findings: Mapping[str, Any]) -> list[str]:
-    """How each effect could be confirmed."""
+    """State for each effect what it is easily taken for, and how to tell them apart."""
     return [
         f"{item['title'].capitalize()} is easily taken for {', '.join(effect_title(n) for n in item['confused_with'])}. "
         f"To tell them apart: {item['tell_apart']}."
@@ -89,10 +89,10 @@ def effect_notes(findings: Mapping[str, Any]) -> list[str]:
 
 
 def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
-    """Name the darkest of a map's marked cells in words; None where nothing is marked.
+    """Describe the largest of a map's marked cells in words; None where nothing is marked.
 
     Args:
-        found: The map.
+        found: Record of the map, as `ResidualMap.record` gives it.
         unit: Unit of the map's values, as findings state it.
     """
     values, marked = np.array(found["values"], dtype=float), np.array(found["marked"], dtype=bool)
@@ -122,26 +122,26 @@ def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
 
 
 def unseen(findings: Mapping[str, Any]) -> str:
-    """What nothing was fitted to."""
+    """Name the data that nothing was fitted to: `throws` or `a record`."""
     return "throws" if "throws" in findings else "a record"
 
 
 def plain(value: float) -> str:
-    """A number for people: three digits, large ones whole and in groups."""
+    """Format a number with three digits; from 100 on without decimals and in groups of three digits."""
     return f"{value:,.0f}".replace(",", "\u202f") if value >= 100 else f"{value:.3g}"
 
 
 def amount(value: float, unit: str) -> str:
-    """A size of residuals: multiples of the noise, or a length."""
+    """Format the size of a residual: a multiple of the noise, or a length."""
     return f"{plain(value)} times the noise" if unit == "noise" else f"{plain(value)} {unit}"
 
 
 def remains(findings: Mapping[str, Any], after: Mapping[str, Any]) -> str:
-    """What is left unexplained.
+    """State what is left unexplained.
 
     Args:
         findings: `findings.json`.
-        after: Map of what remains, on `select`.
+        after: Map of the residuals that remain on the record `select`.
     """
     where = most(after, findings["select"]["unit"])
     if findings["verdict"] == "no_discrepancy":
@@ -155,7 +155,7 @@ def remains(findings: Mapping[str, Any], after: Mapping[str, Any]) -> str:
 
 
 def looks_like(findings: Mapping[str, Any], screening: Mapping[str, Any]) -> str:
-    """Which known effects look like the one that was found, in these records and before any fit; empty without a finding.
+    """State which known effects have signatures in these records much like those of the effects found; empty without any.
 
     Args:
         findings: `findings.json`.
@@ -175,7 +175,7 @@ def looks_like(findings: Mapping[str, Any], screening: Mapping[str, Any]) -> str
 
 
 def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening: Mapping[str, Any], case: str) -> list[str]:
-    """What to do now, the most useful first.
+    """Advise what to do now, the most useful step first.
 
     Args:
         findings: `findings.json`.
@@ -230,7 +230,7 @@ def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening:
 
 
 def advice(findings: Mapping[str, Any]) -> list[str]:
-    """What to do about effects that the simulation of gsbridge cannot play, one sentence for each."""
+    """Advise what to do about effects that gsbridge's simulation cannot reproduce, one sentence for each."""
     return [item["instead"] for item in findings["effects"] if item.get("instead")]
 
 

@@ -100,8 +100,7 @@ def mean_interval(cells: Collection[Sequence[Tally]]) -> tuple[float, float]:
     """95 % interval of `mean_rate`.
 
     For one training of one cell it is Wilson's interval, which says nothing about other trainings. Otherwise it is the widest
-    of
-    three: a hierarchical bootstrap's (it redraws each cell's trainings, then their starts); Wilson's for as many trials,
+    of three: a hierarchical bootstrap's (it redraws each cell's trainings, then their starts); Wilson's for as many trials,
     because the bootstrap hardly varies where nearly all trials end alike; and Student's of the trainings' own rates, because
     redrawing three trainings shows only two thirds of the variance between trainings.
 

@@ -199,7 +199,7 @@ def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None
 
 
 def mirrors_table(rows: Sequence[Row], *, title: str) -> Table | None:
-    """Table of the same policies in all mirrors, each with its own shape, light and physics; None for less than two mirrors."""
+    """The same policies in all mirrors, each with its own shape, light and physics; None for fewer than two mirrors."""
     counts = read_counts(rows)
     worlds = [world for world in worlds_in(counts) if world.split("_")[0] == MIRROR]
     if len(worlds) < 2:
