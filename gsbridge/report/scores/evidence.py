@@ -17,7 +17,7 @@ from gsbridge.report.tables.timing import COLUMNS as TIMING_COLUMNS
 from gsbridge.report.tables.timing import timing_rows
 
 LARGEST_MB = 20.0
-"""Limit of the whole folder: beyond it, a checkout would be mostly evidence."""
+"""Limit of all evidence together, MB: beyond it, a checkout would be mostly evidence."""
 
 _LONGEST = 64
 """Longest list of bare numbers that is kept: longer ones are curves or pictures, and no figure is made of them."""
@@ -26,7 +26,7 @@ _LONG_COLUMNS = ("file", "key", "value")
 
 
 def flattened(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Entries of a record by dotted names, in its order: (`methods.gsbridge.list.3.outcome`, `right`).
+    """Yield a record's entries by dotted names, in its order, such as (`methods.gsbridge.list.3.outcome`, `right`).
 
     Args:
         value: The record, or a part of it.
@@ -44,7 +44,7 @@ def flattened(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _table(paths: Sequence[str | Path]) -> tuple[Sequence[str], list[Row]]:
-    """One table of several files: rows of CSV behind the name of their file, records as long lists of entries.
+    """Make one table of several files: CSV rows with their file's name in front, or records with one row per entry.
 
     Raises:
         InputError: A file is missing or damaged, or CSV and records are mixed.
@@ -60,7 +60,7 @@ def _table(paths: Sequence[str | Path]) -> tuple[Sequence[str], list[Row]]:
 
 
 def _text(value: Any) -> str:
-    """A value of a record as CSV has it: nothing for none, and the shortest number that reads back as the same."""
+    """Format a value for CSV: empty for None, and the shortest number that reads back as the same one."""
     return "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -83,11 +83,11 @@ def write_evidence(kinds: Mapping[str, Sequence[str | Path]], out: str | Path) -
     """Pack the rows behind an area's figures: `{kind}.csv.gz` for each kind of files.
 
     Args:
-        kinds: Files of each table: either CSV, whose rows follow the name of their file, or records.
+        kinds: Files of each table by its name: all of them CSV, or all of them records (JSON).
         out: The folder.
 
     Raises:
-        InputError: A file is missing or damaged, or the folder with its neighbours grows beyond `LARGEST_MB`.
+        InputError: A file is missing or damaged, or all evidence folders together exceed `LARGEST_MB`.
     """
     with atomic_directory(out) as folder:
         for kind, paths in kinds.items():
@@ -103,8 +103,8 @@ def record_area(scores: str | Path, record: str | Path, kinds: Mapping[str, Sequ
     """Keep an area's figures and the rows behind them with the code.
 
     Args:
-        scores: Figures as they were scored.
-        record: The copy that is kept.
+        scores: File of the scored figures.
+        record: File of the copy that is kept with the code.
         kinds, out: See `write_evidence`.
     """
     write_evidence(kinds, out)

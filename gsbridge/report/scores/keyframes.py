@@ -17,16 +17,17 @@ def keyframe_scores(chosen: Sequence[int], measured_px: Array, motion_px: Array,
     """How well a choice of keyframes avoids blur and spreads over the motion.
 
     Args:
-        chosen: Rising positions of the keyframes among the film's frames. K of them.
+        chosen: Increasing positions of the keyframes among the film's frames. [K].
         measured_px: Image motion from the keyframe before, as the stage measured it, film pixels. [K].
-        motion_px: True image motion from the frame before. [N].
+        motion_px: True image motion from the frame before, film pixels. [N].
         blurred: Whether a frame was shaken during its exposure. [N].
 
     Returns:
+        frames, keyframes: their numbers, N and K.
         blurred_film_percent, blurred_chosen_percent: share of shaken frames in the film and among the keyframes.
         motion_scale, motion_error_percent: slope of measured against true motion between keyframes, and the root mean
-            square of what that slope leaves over, relative to the mean step. Only their ratio matters for equal arcs: the
-            film's motion is a mean over the table, the stage's a mean over the picture.
+            square residual of that fit, relative to the mean step. The slope need not be 1: the true motion is a mean over
+            the table, the measured one a mean over the picture, and even spacing needs proportional values only.
         step_spread: standard deviation of the true steps between keyframes over their mean; 0 is perfectly even.
         still_chosen: keyframes among the frames before the camera first moves; more than one is a waste.
     """

@@ -21,35 +21,35 @@ POOLED = {
     "unknown_abstained": "gap_unknown_abstained",
     "interval_coverage": "gap_interval_coverage",
 }
-"""Rates over the cases of several tiers together, and the floors' names for them."""
+"""Rates that are pooled over the cases of several tiers, and the names of their floors."""
 
 PHOTOS = "t4"
-"""Tier of the benchmark whose cases draw pictures, where those of the others simulate motions."""
+"""Tier whose cases are pictures; the cases of all other tiers are simulated motions."""
 
 REAL = "results/benchmarks/gap_measured.json"
 
 ARM = "results/benchmarks/gap_so101.json"
 
 _FIRST = 3
-"""Entries at the head of an account that should stay where the motions that it learns from are exchanged."""
+"""Number of top entries of an account that should stay the same when the motions behind it are exchanged."""
 
 MISMATCH = "results/benchmarks/gap_mismatch.json"
 
 _SURE = ("named", "likely, not proven")
-"""Verdicts on the first line of an account that count for it."""
+"""Verdicts with which the first line of an account counts as an answer."""
 
 ARMS = ("t1", "t2")
-"""Tiers whose cases count for names and closures: those of arms, whose truths are engines."""
+"""Tiers of arms, whose truths are physics engines; names and closures are scored on their cases."""
 
 MOVING = ("t0", "t1", "t2", "t7")
 """Tiers of axes, arms and other machines, which the area `gap` is about; bodies and photos have figures of their own."""
 
 _STATISTICS = ("false_alarm", "interval_coverage")
-"""What depends on noise and its treatment, not on how hard a name is: over all tiers of machines."""
+"""Rates that depend on noise and its treatment, not on how hard naming is; they are pooled over all tiers in `MOVING`."""
 
 
 def read_tiers(scores: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
-    """Scores by tier.
+    """Read the scores, by tier.
 
     Raises:
         InputError: A file is missing or damaged.
@@ -59,7 +59,7 @@ def read_tiers(scores: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
 
 
 def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Measured figures in the floors' units, from the scored split alone.
+    """Make the measured figures in the floors' units, from the scored split alone.
 
     Args:
         tiers: Scores by tier.
@@ -85,7 +85,7 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
     total = sum(n for _, n in sets)
     out["gap_set_f1"] = _plain(sum(value * n for value, n in sets) / total if total else None, total)
     for key in ("closure_median", "closure_tenth"):
-        # The worst tier: medians do not add up.
+        # Quantiles of several tiers cannot be pooled, so the worst tier counts.
         values = [scores[key] for scores in dynamic if scores[key] is not None]
         out[f"gap_{key}"] = _plain(min(values, default=None), sum(scores["named_right"]["n"] for scores in dynamic))
     for key in ("simulations_most", "bank_most"):
@@ -97,11 +97,12 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
 
 
 def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """What the other methods name rightly and wrongly on the same cases of arms, and how many of them are beaten.
+    """Compare the other methods with this package on the same cases of arms, and count those that are beaten.
 
-    A baseline counts as beaten if it names more effects wrongly and no more of them rightly; at equal coverage, if its answers
-    are clearly wrong more often where it answers as many cases as this package names, those that it is surest of (see
-    `riskier`). One that did not run in every tier is left out.
+    `gap_baselines_beaten` counts a baseline that names more effects wrongly and no more effects rightly than this package.
+    `gap_risks_beaten` counts one whose answers are wrong significantly more often at equal coverage, that is if it answers as
+    many cases as this package names, those it is surest of (see `riskier`). A baseline that did not run in every tier is left
+    out.
 
     Args:
         tiers: Scores by tier.
@@ -115,7 +116,7 @@ def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[s
         for key in ("named_right", "named_wrong")
     }
     right, wrong = ({name: rate["value"] for name, rate in rates[key].items()} for key in ("named_right", "named_wrong"))
-    # A split without effects of five units says nothing.
+    # A split without effects of five units has no rate of right names.
     others = [name for name in methods if name != OURS and right[name] is not None and wrong[name] is not None]
     if OURS not in methods or right[OURS] is None or wrong[OURS] is None or not others:
         return {}
@@ -140,7 +141,7 @@ def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[s
 
 
 def real_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """What was said about real logs, from `benchmarks/gap_measured.py`.
+    """Make the figures on real logs, from the results of `benchmarks/gap_measured.py`.
 
     Args:
         found: Figures of that benchmark, by kind of logs; kinds that did not run are left out.
@@ -159,8 +160,9 @@ def real_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def arm_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """What was said about a real arm's motions, from `benchmarks/gap_so101.py`: the least that any exchange of the motions that
-    it learnt from has reached.
+    """Make the figures on a real arm's motions, from the results of `benchmarks/gap_so101.py`.
+
+    The benchmark exchanges the motions that the diagnosis learns from; each figure is the lowest value over these exchanges.
 
     Args:
         found: Figures that the program wrote.
@@ -179,11 +181,11 @@ def arm_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def logged_figures(real: str | Path | None, arm: str | Path | None) -> dict[str, dict[str, Any]]:
-    """What was said about logs of real machines.
+    """Make the figures on logs of real machines.
 
     Args:
-        real: File of `real_figures`; None where it did not run.
-        arm: File of `arm_figures`; None where it did not run.
+        real: File with the input of `real_figures`; None where that benchmark did not run.
+        arm: File with the input of `arm_figures`; None where that benchmark did not run.
 
     Raises:
         InputError: A file is missing or damaged.
@@ -193,7 +195,7 @@ def logged_figures(real: str | Path | None, arm: str | Path | None) -> dict[str,
 
 
 def mismatch_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """How well truths are named whose laws the diagnosis does not know (tier T6), from `benchmarks/gap_mismatch.py`.
+    """Make the figures on truths whose laws the diagnosis does not know (tier T6), from `benchmarks/gap_mismatch.py`.
 
     Args:
         found: Figures that the program wrote.
@@ -213,7 +215,7 @@ def mismatch_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def pooled(rates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """A rate over the cases of several tiers."""
+    """Pool a rate over the cases of several tiers; the value is None without cases."""
     total = sum(rate["n"] for rate in rates)
     if not total:
         return {"value": None, "n": 0}
@@ -221,13 +223,13 @@ def pooled(rates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _rate(good: int, total: int) -> dict[str, Any]:
-    """A share with its interval."""
+    """Make a rate with Wilson's 95 % interval, 0..1."""
     low, high = wilson_interval(good, total)
     return {"value": good / total, "n": total, "ci95_low": low, "ci95_high": high}
 
 
 def _percent(rate: Mapping[str, Any]) -> dict[str, Any]:
-    """A rate as the floors want it."""
+    """Turn a rate into a figure in percent."""
     if rate["value"] is None:
         return _plain(None, 0)
     interval = [100 * rate["ci95_low"], 100 * rate["ci95_high"]]
@@ -252,9 +254,9 @@ def write_gap_figures(
     Args:
         out: `scores/measured/gap.json`.
         scores: `scores.json` of each tier.
-        preset: Preset that they ran with.
-        real: What was said about real logs; None where they are not on this machine.
-        arm: The same of a real arm's motions.
+        preset: Preset that the tiers ran with.
+        real: See `logged_figures`; None where the logs are not on this machine.
+        arm: See `logged_figures`; None likewise.
         mismatch: Figures of tier T6, see `mismatch_figures`; None where it did not run.
 
     Raises:
@@ -264,7 +266,7 @@ def write_gap_figures(
     figures |= logged_figures(real, arm)
     if mismatch is not None:
         figures |= mismatch_figures(read_json(mismatch))
-        # Cases of machines in which nothing is hidden, whichever tier draws them.
+        # The rate of false alarms is over all cases of machines with nothing hidden, those of T6 included.
         alarms = [figures[name] for name in ("gap_false_alarm", "gap_false_alarm_t6") if name in figures]
         figures["gap_false_alarm"] = _percent(pooled([{**rate, "value": rate["value"] / 100} for rate in alarms]))
     write_json(out, {"preset": preset, "figures": figures})

@@ -1,7 +1,7 @@
 """Figures of the areas `policies`, `worlds`, `study` and `loops`, gathered from rows under the names of `floors.yaml`.
 
 A figure that cannot be formed from what is there is left out, and the `score` rule then counts it as unmet. `cells` is the
-number of cells behind a figure, `trials` the fewest trials of any of them in one world and set of start poses.
+number of cells behind a figure, `trials` the fewest trials per training of any cell, in one world and set of start poses.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ WALL_TIMES = "results/benchmarks/wall_times.json"
 PLACES = tuple(cell for cell in PAPER_SUCCESS if cell.task == "pick_and_place")
 MESHES = tuple(cell for cell in PAPER_SUCCESS if cell.renderer == "mesh")
 CORES = 2
-"""Wall times count on so many cores at most."""
+"""Largest number of cores on which a wall time counts."""
 
 
 def _name(cell: CellPaths) -> str:
@@ -77,7 +77,7 @@ def drop_figure(view: Overview, counts: Counts, cells: Sequence[CellPaths], wher
 
 
 def _counted(cells: Sequence[CellPaths], counts: Counts, view: Overview) -> dict[str, int]:
-    """How much is behind a figure."""
+    """Count the cells, trials per training and seeds behind a figure."""
     found = [counts[cell, view.world, view.pose_set] for cell in cells]
     sim = [counts[cell, STRICT_WORLD, view.pose_set] for cell in cells if (cell, STRICT_WORLD, view.pose_set) in counts]
     seeds = min(count.seeds for count in found)
@@ -86,7 +86,7 @@ def _counted(cells: Sequence[CellPaths], counts: Counts, view: Overview) -> dict
 
 
 def success_figures(grasping: Sequence[Row], contrast: Sequence[Row], placing: Sequence[Row]) -> dict[str, Figure]:
-    """Figures of the success tables.
+    """Make the figures of the success tables.
 
     Args:
         grasping: Rows of the table of grasps.
@@ -94,7 +94,7 @@ def success_figures(grasping: Sequence[Row], contrast: Sequence[Row], placing: S
         placing: Rows of the table of pick and place.
 
     Returns:
-        `grasp_{world}_{poses}` and `place_{world}_{poses}`, mean success of the paper's cells; beyond simulation also
+        `grasp_{world}_{poses}` and `place_{world}_{poses}`, mean success of the paper's cells; outside simulation also
         `drop_six_…` and `drop_eight_…`, mean relative drops over its six scenario cells and over all eight, and
         `rl_sim_drop_…`, the same of policies trained on a mesh. Percent.
     """
@@ -114,13 +114,14 @@ def success_figures(grasping: Sequence[Row], contrast: Sequence[Row], placing: S
 
 
 def training_figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """What trainings took: CPU minutes until 95 % success in an evaluation, slowest of the paper's grasp cells, and memory.
+    """Make the figures of what trainings took: CPU minutes until 95 % success in an evaluation, and memory.
 
     Args:
         rows: Rows of `training.csv`.
 
     Returns:
-        `training_cpu_max`, whose cells are those of which every seed came so far, and `replay_memory_max`.
+        `training_cpu_max`, min, of the slowest of the paper's grasp cells of which every seed reached 95 %; and
+        `replay_memory_max`, MB.
     """
     minutes: dict[str, list[str]] = {}
     memory: dict[str, float] = {}
@@ -139,13 +140,13 @@ def training_figures(rows: Sequence[Row]) -> dict[str, Figure]:
         out["training_cpu_max"] = over_scenes(reached, max, TRAINING, **count)
     if memory:
         figure = over_scenes(memory, max, TRAINING)
-        # Nearly the same for every policy: a table of them would say nothing.
+        # The values are nearly equal for all policies, so that a table of them would say nothing.
         out["replay_memory_max"] = {name: value for name, value in figure.items() if name != "by_scene"}
     return out
 
 
 def toy_figures(grasping: Sequence[Row]) -> dict[str, Figure]:
-    """Success of the toy's policies in simulation, percent: the worst set of start poses."""
+    """Success of the toy's policies in simulation, from the worst cell and set of start poses, percent."""
     counts, cells = read_counts(grasping), standard_cells(grasping, "grasp")
     found = [count for (cell, world, _), count in counts.items() if world == STRICT_WORLD and cell in cells]
     if not found:
@@ -186,7 +187,8 @@ def write_policy_figures(
 
     Args:
         out: JSON of measured figures, an input of `score.write_scores`.
-        grasping, renderer_contrast, pick_and_place, training: Rows of the tables; None for those that the preset has not.
+        grasping, renderer_contrast, pick_and_place, training: Rows of the tables; None for tables that the preset does not
+            make.
         toy: `rows/grasping.csv` of a toy run; None where it was not run.
         wall_times: Output of `benchmarks/wall_time.py`; None where it was not run.
         preset: Preset that ran.
@@ -232,15 +234,16 @@ STUDY = "results/rows/study.csv"
 
 
 def study_figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """Leads of SACwB, percentage points of success.
+    """Make the figures of SACwB's leads, percentage points of success.
 
     Args:
         rows: Rows of `study.csv`.
 
     Returns:
-        `study_lead_min`, over the controller that it learned from, the worst of all, the right one among them;
-        `study_imitation_good` and `study_imitation_biased`, over the better of behaviour cloning and DAgger that learned from
-        the same controller, the right one and the mean over the wrong ones.
+        `study_lead_min`: smallest lead over the controller that SACwB learned from, over all controllers, the exact one
+            included;
+        `study_imitation_good` and `study_imitation_biased`: lead over the better of behaviour cloning and DAgger that learned
+        from the same controller, for the exact controller and as the mean over the biased ones.
     """
     out: dict[str, Figure] = {}
     taught = [row for row in rows if row["algo"] == "sacwb" and row["controller_success_rate"]]
@@ -260,7 +263,7 @@ def study_figures(rows: Sequence[Row]) -> dict[str, Figure]:
 
 
 def write_study_figures(out: str | Path, rows_csv: str | Path, preset: str) -> None:
-    """Gather the figures of the area and write them.
+    """Gather the figures of the area `study` and write them.
 
     Args:
         out: JSON of measured figures, an input of `score.write_scores`.
@@ -275,11 +278,12 @@ def write_study_figures(out: str | Path, rows_csv: str | Path, preset: str) -> N
 
 
 def loop_figures(rows: Sequence[Row], loops: Sequence[Mapping[str, str]], where: str) -> dict[str, Figure]:
-    """Successes of a policy before its world changed and since, and of the one that learned anew.
+    """Success of a policy before and after its world changed, and of the policy that was trained anew.
 
     Args:
         rows: Rows of a closed loop.
-        loops: `reference`, `world`, and the policies `before` and `after` of each; `after` is empty where none learned anew.
+        loops: Of each loop the world `reference`, the changed `world`, and the policies `before` and `after`; `after` is empty
+            where none was trained anew.
         where: File that the figures come from.
 
     Returns:
@@ -303,12 +307,12 @@ def loop_figures(rows: Sequence[Row], loops: Sequence[Mapping[str, str]], where:
 def write_loop_figures(
     out: str | Path, tables: Mapping[str, str | Path], loops: Sequence[Mapping[str, str]], preset: str
 ) -> None:
-    """Gather the figures of the area and write them.
+    """Gather the figures of the area `loops` and write them.
 
     Args:
         out: JSON of measured figures, an input of `score.write_scores`.
-        tables: Rows by name.
-        loops: Loops as `loop_figures` takes them, each with the `table` that it stands in.
+        tables: CSV files of rows, by name.
+        loops: Loops as `loop_figures` takes them, each with the name `table` of its rows.
         preset: Preset that ran.
 
     Raises:

@@ -24,7 +24,7 @@ RASTERIZER = "results/benchmarks/rasterizer.json"
 
 
 def reconstruction_figures(scores: Sequence[Mapping[str, Any]]) -> dict[str, Figure]:
-    """Figures of capture, sfm, align, masks and mesh, from the scores of the scenes."""
+    """Make the figures of capture, sfm, align, masks and mesh, from the scores of the scenes."""
     out: dict[str, Figure] = {}
 
     def add(figure: str, key: str, summary: Callable[[list[float]], float], magnitude: bool = False) -> None:
@@ -60,7 +60,7 @@ def reconstruction_figures(scores: Sequence[Mapping[str, Any]]) -> dict[str, Fig
 
 
 def rendering_figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """Figures of the splats: differences between bindings and quality of `soft`, masked, on held-out views of the mirror."""
+    """Make the figures of the splats: gains between bindings, quality of `soft`; masked, on held-out views of the mirror."""
     out: dict[str, Figure] = {}
     mirror = [row for row in rows if row["origin"] == "mirror"]
     objects = [row for row in mirror if row["kind"] == "object"]
@@ -94,7 +94,7 @@ def rendering_figures(rows: Sequence[Row]) -> dict[str, Figure]:
 
 
 def ceiling_figures(rows: Sequence[Row], films: Mapping[str, float]) -> dict[str, Figure]:
-    """How far `soft` stays below what the film's own noise allows, objects only.
+    """How far the PSNR of `soft` stays below the noise ceiling of the film, dB; objects only.
 
     Args:
         rows: Rows of `rendering.csv`.
@@ -109,7 +109,7 @@ def ceiling_figures(rows: Sequence[Row], films: Mapping[str, float]) -> dict[str
 
 
 def real_figures(captures: Mapping[str, Mapping[str, str | Path]]) -> dict[str, Figure]:
-    """Figures of real captures, which have no truth.
+    """Make the figures of real captures, for which no truth is known.
 
     Args:
         captures: {scene: {keyframes: keyframes.json, sfm: sfm.json}}.
@@ -130,7 +130,7 @@ def real_figures(captures: Mapping[str, Mapping[str, str | Path]]) -> dict[str, 
 
 
 def rasterizer_figures(benchmark: str | Path) -> dict[str, Figure]:
-    """Figures of the CPU rasteriser on one core, from the output of `benchmarks/rasterizer.py --json`.
+    """Make the figures of the CPU rasteriser on one core, from the output of `benchmarks/rasterizer.py --json`.
 
     Nothing is taken from a run with another backend or more threads; parts that were not run are left out.
 
@@ -173,7 +173,7 @@ def write_real2sim_figures(
 
     Args:
         out: JSON of measured figures, an input of `score.write_scores`.
-        scene_scores: Files written by `score_real2sim.write_scene_score`.
+        scene_scores: Files written by `gsbridge.report.scores.scene.write_scene_score`.
         rendering_csv: `rows/rendering.csv`.
         films: `film.json` of each mirrored object.
         real: Files of each real capture, as in `real_figures`.
@@ -189,20 +189,20 @@ def write_real2sim_figures(
         **real_figures(real),
         **(rasterizer_figures(rasterizer) if rasterizer is not None else {}),
     }
-    # `write_json` turns a value that is no number into null: such a figure was not measured.
+    # `write_json` turns NaN and infinity into null, and such a figure counts as not measured.
     write_json(out, {"preset": preset, "figures": figures})
 
 
 TASKS = {"grasp": "grasp", "pick_and_place": "place"}
 JUDGED = {"sim": "success", "mirror": "success_tolerant"}
-"""Excess contact is a failure in simulation only. Source: RL-GSBridge, experiments."""
+"""Count of successes in each world: excess contact is a failure in simulation only. Source: RL-GSBridge, experiments."""
 
 
 def trial_figures(records: Sequence[tuple[str, Mapping[str, Any]]], world: str) -> dict[str, Figure]:
-    """Successes of the baseline controllers in one world: the worst set of 32 starts of any object.
+    """Successes of the baseline controllers in one world, from the worst set of 32 starts of any object.
 
     Args:
-        records: `object+background` and the trials' record, of any task.
+        records: Name `object+background` and record of the trials, of any task.
         world: `sim` or `mirror`.
 
     Returns:
@@ -226,9 +226,10 @@ def trial_figures(records: Sequence[tuple[str, Mapping[str, Any]]], world: str) 
 
 
 def eye_in_hand_figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """PSNR of splats against the mirror's pictures, and their lead over the better mesh control.
+    """PSNR of splats against the mirror's pictures, and its lead over the better mesh control, dB.
 
-    Compared alike, both have the shadows of robot and object or both have none.
+    `eye_in_hand_lead_shaded_min` and `eye_in_hand_lead_unshaded_min` compare like with like: both sides draw the shadows of
+    robot and object, or neither does.
     """
     psnr: dict[str, dict[str, float]] = {}
     for row in rows:
@@ -256,7 +257,7 @@ def eye_in_hand_figures(rows: Sequence[Row]) -> dict[str, Figure]:
 
 
 def asset_figures(assets: Mapping[str, Mapping[str, Any]]) -> dict[str, Figure]:
-    """How quietly the bodies rest, and how much of the splat stage's PSNR the bundles keep; by scene."""
+    """Make the figures of how far bodies sink in, drift and turn at rest, and of the PSNR that bundles lose; by scene."""
     out: dict[str, Figure] = {}
 
     def add(figure: str, value: Callable[[Mapping[str, Any]], float], summary: Callable[[list[float]], float]) -> None:
@@ -271,7 +272,7 @@ def asset_figures(assets: Mapping[str, Mapping[str, Any]]) -> dict[str, Figure]:
 
 
 def single_figures(checks: Mapping[str, Any], views: Mapping[str, Mapping[str, Any]]) -> dict[str, Figure]:
-    """Twin, repetition and coverage."""
+    """Make the figures of the simulator's checks `twin` and `repeated`, and of the coverage of the drawn views."""
     where = "results/robot/simulator.json"
     covered = {pair: float(record["coverage"]["min"]) for pair, record in views.items()}
     out = {
@@ -286,7 +287,7 @@ def single_figures(checks: Mapping[str, Any], views: Mapping[str, Mapping[str, A
 
 
 def registration_figures(scores: Mapping[str, Mapping[str, float]]) -> dict[str, Figure]:
-    """Errors of the registration."""
+    """Make the figures of the registration's errors, mm and degrees."""
     where = "results/scores/workspace/registration.json"
     names = {"base_from_table": "table", "flange_from_camera": "camera"}
     return {
@@ -297,7 +298,7 @@ def registration_figures(scores: Mapping[str, Mapping[str, float]]) -> dict[str,
 
 
 def environment_figures(benchmark: Mapping[str, Any]) -> dict[str, Figure]:
-    """Speed, from the output of `benchmarks/environment.py --json`; parts that were not run are left out."""
+    """Make the figures of speed from `benchmarks/environment.py --json`; parts that were not run are left out."""
     where = "results/benchmarks/environment.json"
     out: dict[str, Figure] = {}
     for size in (128, 64):

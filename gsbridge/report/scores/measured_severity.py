@@ -1,9 +1,9 @@
 """Figures of the areas `severity` and `worth`, gathered from rows under the names of `floors.yaml`.
 
 A figure that cannot be formed from what is there is left out, and the `score` rule then counts it as unmet. Its name ends with
-the severity, look and physics alike. `n` counts the trials behind it, of both sides of a lead; `cells` its cells, `seeds` the
-fewest trainings of any of them, `trials` the fewest trials of any training. Unless a name says `outside`, both sets of start
-poses inside the training square count together.
+the severity, which is the same for look and physics. `n` is the number of trials behind a figure, of both sides together for a
+lead; `cells` is the number of cells, `seeds` the fewest trainings of any cell, `trials` the fewest trials of any training.
+Unless a name says `outside`, both sets of start poses inside the training square count together.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ WORTH = "results/rows/worth.csv"
 GRADED = "results/rows/graded.csv"
 
 KINDS: Mapping[str, Sequence[CellPaths]] = {"grasp": PAPER_GRASPS, "place": PLACES, "mesh": MESHES}
-"""Policies whose mean is a figure: trained on splats to grasp, to pick and place, and on a mesh."""
+"""Policies whose mean is a figure: trained on splats to grasp, trained on splats to pick and place, trained on a mesh."""
 
 VARIANTS = {"jitter": "default", "no_jitter": "no_jitter"}
-"""Variants with varied colours and without, as figures call them."""
+"""Variants with varied colours and without, by the names that figures use."""
 
 
 def severity_figures(rows: Sequence[Row]) -> dict[str, Figure]:
@@ -75,12 +75,12 @@ def severity_figures(rows: Sequence[Row]) -> dict[str, Figure]:
 
 
 def _levels(rows: Sequence[Row]) -> list[str]:
-    """Severities of the rows, of worlds whose look and physics are alike."""
+    """Severities of those worlds of the rows whose look and physics have the same severity."""
     return list(dict.fromkeys(look for look, physics in worlds_of(rows).values() if look == physics))
 
 
 def _cells(tallies: Tallies, policies: Sequence[CellPaths], world: str) -> Cells:
-    """Successes and trials of those of some policies that were tried in a world."""
+    """Successes and trials, by cell, of those `policies` that were tried in a world."""
     places = {policy: (policy.task, policy.object, policy.background) for policy in policies}
     groups = {policy: tallies.get((policy.renderer, policy.variant, world), {}) for policy in policies}
     return {places[policy]: cells[places[policy]] for policy, cells in groups.items() if places[policy] in cells}
@@ -96,7 +96,7 @@ def mean_figure(cells: Cells, where: str) -> Figure:
 
     Args:
         cells: Successes and trials of each training, by cell.
-        where: File that they come from.
+        where: File that the successes come from.
     """
     interval = [100 * limit for limit in mean_interval(cells.values())]
     figure = single(100 * mean_rate(cells.values()), _trials(cells), where, interval, interval_kind(cells.values()))
@@ -104,12 +104,12 @@ def mean_figure(cells: Cells, where: str) -> Figure:
 
 
 def lead_figure(lead: Lead, where: str, ours: str, theirs: str) -> Figure:
-    """A lead over the same cells, points.
+    """Make the figure of a lead over the same cells, points.
 
     Args:
         lead: The lead.
-        where: File that it comes from.
-        ours, theirs: What both sides are called.
+        where: File that the lead comes from.
+        ours, theirs: Titles of the two sides.
     """
     figure = single(
         100 * lead.value, _trials(lead.ours) + _trials(lead.theirs), where, [100 * limit for limit in lead.interval], WIDEST
@@ -125,21 +125,21 @@ def _trials(cells: Cells) -> int:
 
 
 def _counted(cells: Cells) -> dict[str, int]:
-    """How much is behind a figure."""
+    """Count the cells, trainings and trials behind a figure."""
     fewest = min(tried for cell in cells.values() for _, tried in cell)
     return {"cells": len(cells), "trials": fewest, "seeds": min(len(cell) for cell in cells.values())}
 
 
 def worth_figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """What splats are worth at each severity.
+    """Make the figures of what splats are worth at each severity.
 
     Args:
         rows: Rows of `worth.csv`.
 
     Returns:
-        With and without `jitter`: `worth_lead_one_colour_{variant}_{level}`, points that splats lead the mesh in one colour by;
-        `worth_lead_best_mesh_{variant}_{level}`, points that they lead the best mesh by; `worth_splats_{variant}_{level}` and
-        `worth_splats_{variant}_outside_{level}`, their success, percent.
+        With and without `jitter`: `worth_lead_one_colour_{variant}_{level}`, lead of splats over the mesh in one colour,
+            points; `worth_lead_best_mesh_{variant}_{level}`, lead of splats over the best mesh, points;
+            `worth_splats_{variant}_{level}` and `worth_splats_{variant}_outside_{level}`, success of splats, percent.
     """
     inside, outside = tallies_of(by_severity(rows)), tallies_of(by_severity(rows), OUTSIDE)
     out: dict[str, Figure] = {}
@@ -161,7 +161,7 @@ def worth_figures(rows: Sequence[Row]) -> dict[str, Figure]:
 
 
 def graded_figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """How well simulation foretells each severity over policies from poor to good.
+    """Make the figures of how well simulation foretells each severity, over policies from poor to good.
 
     Args:
         rows: Rows of `graded.csv`.
@@ -216,7 +216,7 @@ def write_worth_figures(
 
     Args:
         out: JSON of measured figures, an input of `score.write_scores`.
-        worth, graded: Rows; None where no policies are compared so.
+        worth, graded: `rows/worth.csv` and `rows/graded.csv`; None where that comparison is not made.
         preset: Preset that ran.
 
     Raises:

@@ -1,7 +1,7 @@
 """Figures of the area `shapes`: hollow, wide-footed, see-through and plain things, and other takes of them.
 
-Meshes of a stage that says `degraded` are not compared with the floors but shown beside them; wrong ones of a stage that says
-`pass` count in a figure of their own.
+Meshes of a stage that says `degraded` are shown beside the figures but not compared with floors. Wrong meshes and masks of a
+stage that says `pass` count in the figure `shapes_wrong_and_pass`.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from gsbridge.report.scores.score import Figure, over_scenes, single, write_meas
 
 _WHERE = "results/scores/scenes/"
 _HARDER = ("statue", "toy")
-"""Objects whose masks have a floor of their own: a foot like the table, and windows."""
+"""Objects whose masks have a floor of their own: the foot of one looks like the table, the other has windows."""
 _SEEN_THROUGH = "toy"
 
 
 def shape_figures(scores: Sequence[Mapping[str, Any]], takes: Sequence[str]) -> dict[str, Figure]:
-    """Figures of all scenes of the area.
+    """Make the figures of all scenes of the area.
 
     Args:
         scores: Scores of each scene, as `score_scene` writes them.
-        takes: Names of those that are other takes of an object.
+        takes: Names of the scenes that are further takes of an object.
     """
     out: dict[str, Figure] = {}
 

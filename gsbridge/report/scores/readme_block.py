@@ -1,4 +1,4 @@
-"""The block of README that quotes recorded figures: those of areas that are fresh and no others, and every floor they miss."""
+"""The block of README that quotes recorded figures: only those of fresh areas, and every floor that they miss."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ Records = Mapping[str, Mapping[str, Mapping[str, Any]]]
 
 
 def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, str]]]) -> str:
-    """The block without its marks.
+    """Make the text of the block, without its marks.
 
     Args:
         records: {area: {`provenance`, `figures`}}, empty for an area that was never recorded.
-        now: {area: {code, settings}} of the tree as it is.
+        now: Digests of the current tree, {area: {code, settings}}.
     """
     fresh = [area for area, record in records.items() if record and freshness(area, record["provenance"], now[area]) == "fresh"]
     known = {name: (area, score) for area in fresh for name, score in records[area]["figures"].items()}
@@ -76,14 +76,14 @@ def _table(rows: Sequence[tuple[str, Mapping[str, Any]]]) -> list[str]:
 
 
 def with_block(text: str, block: str) -> str:
-    """A page with its block replaced.
+    """Replace the block of a page.
 
     Args:
         text: The page, which holds `BEGIN` and `END` once.
-        block: What stands between them.
+        block: New text between the marks.
 
     Raises:
-        ValueError: The marks are missing.
+        ValueError: The page does not hold each mark exactly once.
     """
     pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
     if len(pattern.findall(text)) != 1:
@@ -94,16 +94,16 @@ def with_block(text: str, block: str) -> str:
 def write_readme_block(
     readme: str | Path, folder: str | Path, now: Mapping[str, Mapping[str, Mapping[str, str]]], *, check: bool = False
 ) -> bool:
-    """Write the block into README, unless it is as it should be.
+    """Write the block into README, unless it is up to date.
 
     Args:
         readme: The page.
         folder: Recorded scores, `{area}.json`.
-        now: {area: {code, settings}} of the tree as it is.
-        check: Write nothing.
+        now: Digests of the current tree, {area: {code, settings}}.
+        check: Compare only, and write nothing.
 
     Returns:
-        Whether the block was as it should be.
+        Whether the block was up to date.
 
     Raises:
         InputError: A record is damaged, or the page lacks the marks of the block.

@@ -14,11 +14,11 @@ CALIBRATED = ("base_from_table", "flange_from_camera")
 
 
 def score_registration(registration: str | Path, truth: str | Path, out: str | Path) -> None:
-    """Compare registered with true poses.
+    """Compare the registered poses with the true ones.
 
     Args:
         registration: `registration.json`.
-        truth: What the mirror's board capture wrote beside the photos.
+        truth: JSON of the true poses, which the mirror's board capture wrote beside the photos.
         out: JSON {pose: {mm, deg}}.
 
     Raises:

@@ -35,13 +35,13 @@ NAMED = 6
 """Largest number of changes that the page names."""
 
 COUNT = re.compile(r"(\d+) of (\d+)")
-"""A figure of a seal that is counted, and so can be added to others."""
+"""Form of a seal's figure that is a count, such as `12 of 40`: only counts can be added up over seals."""
 
 SIGNS = {"at_least": "≥", "at_most": "≤"}
 
 
 def shown(value: float | None, unit: str = "") -> str:
-    """A number for people: four significant digits, its unit behind it, a dash for none."""
+    """Format a number with four significant digits and its unit; None becomes a dash."""
     if value is None:
         return "–"
     text = f"{value:.4g}" if not isinstance(value, bool) else str(value)
@@ -64,7 +64,7 @@ def shown_interval(score: Mapping[str, Any]) -> str:
 
 
 def verdict(score: Mapping[str, Any]) -> str:
-    """`met`, `stretch met`, `reported` where nothing is asked for, or `unmet` with the reason."""
+    """Judge a score: `met`, `stretch met`, `stretch not met`, `reported` without any aim, or `unmet` with the reason."""
     if not score["met"]:
         return f"**unmet**: {score['reason']}"
     if score["floor"] is None and score.get("stretch") is None:
@@ -75,7 +75,7 @@ def verdict(score: Mapping[str, Any]) -> str:
 
 
 def changes(area: str, recorded: Mapping[str, Mapping[str, str]], now: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """What has changed since an area was recorded: names of rules and settings whose digest is another one now.
+    """List what has changed since an area was recorded: names of rules and settings whose digests differ now.
 
     Args:
         area: The area; settings that cannot change its figures do not count, though a record may hold them.
@@ -83,7 +83,7 @@ def changes(area: str, recorded: Mapping[str, Mapping[str, str]], now: Mapping[s
         now: Digests of the tree as it is now, in the same layout.
 
     Returns:
-        Rules first, then settings. A rule that has come or gone counts; a setting counts where it was there already.
+        Rules first, then settings. Added and removed rules count as changed; of the settings, only recorded ones are compared.
     """
     code, new = recorded["code"], now["code"]
     rules = [name for name in {**code, **new} if code.get(name) != new.get(name)]
@@ -93,7 +93,7 @@ def changes(area: str, recorded: Mapping[str, Mapping[str, str]], now: Mapping[s
 
 
 def freshness(area: str, recorded: Mapping[str, Any], now: Mapping[str, Mapping[str, str]]) -> str:
-    """Whether the tree would still make an area's figures: `fresh`, or `stale` with what has changed since.
+    """State whether the current tree would make an area's figures: `fresh`, or `stale` with what has changed since.
 
     Args:
         area: The area.
@@ -113,12 +113,12 @@ def freshness(area: str, recorded: Mapping[str, Any], now: Mapping[str, Mapping[
 def results_markdown(
     records: Mapping[str, Mapping[str, Mapping[str, Any]]], now: Mapping[str, Mapping[str, Mapping[str, str]]]
 ) -> str:
-    """The page.
+    """Make the text of the page.
 
     Args:
         records: {area: {`provenance`: {commit, code, settings}, `figures`: {figure: score}}}; empty for an area that was
             never recorded.
-        now: {area: {code, settings}} of the tree as it is.
+        now: Digests of the current tree, {area: {code, settings}}.
     """
     lines = [
         "# Results",
@@ -156,7 +156,7 @@ def results_markdown(
 
 
 def seals_markdown(seals: Sequence[Mapping[str, Any]]) -> str:
-    """Every seal of the gap's benchmark that was ever scored, with its first score; nothing where there is none."""
+    """List every seal of the gap's benchmark that was ever scored, with its first score; empty text where there is none."""
     if not seals:
         return ""
     lines = ["", "## Seals of the gap's benchmark", ""]
@@ -173,12 +173,12 @@ def seals_markdown(seals: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _all_seals(seals: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Lines of the table that adds up, part by part, the figures that are counts; none where no part was scored twice."""
+    """Make the lines of the table that adds up counts over the seals, by part; empty where no part was scored twice."""
     counts: dict[str, dict[str, list[tuple[int, int]]]] = {}
     scored: dict[str, int] = {}
     for item in seals:
         for name, told in item["parts"].items():
-            # Cases that were drawn by another benchmark are other questions, whose answers are no sum with these.
+            # Cases from another state of the benchmark (`apart`) ask other questions, so their counts are added up apart.
             part = f"{name}, {told['apart']}" if "apart" in told else name
             scored[part] = scored.get(part, 0) + 1
             for figure, text in told["figures"].items():
@@ -196,7 +196,7 @@ def _all_seals(seals: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _added_up(counts: Sequence[tuple[int, int]]) -> str:
-    """The sum of `a of n`, with the interval of the rate in percent; a dash where nothing was counted."""
+    """Add up counts `a of n`, with the interval of the rate in percent; a dash where nothing was counted."""
     good, tried = (sum(column) for column in zip(*counts, strict=True)) if counts else (0, 0)
     if not tried:
         return "–"
@@ -205,12 +205,12 @@ def _added_up(counts: Sequence[tuple[int, int]]) -> str:
 
 
 def _floors(record: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Figures of an area that a floor is asked of."""
+    """Figures of an area that have a floor."""
     return [score for score in record.get("figures", {}).values() if score["floor"] is not None]
 
 
 def _by_scene(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Lines of the table that opens the figures up by scene."""
+    """Make the lines of the table of figures by scene; empty where no figure has values by scene."""
     open_figures = {name: score["by_scene"] for name, score in figures.items() if score.get("by_scene")}
     scenes = list(dict.fromkeys(scene for values in open_figures.values() for scene in values))
     if not scenes:
@@ -230,7 +230,7 @@ def _by_scene(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def read_record(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Recorded figures of an area, {`provenance`, `figures`}; empty where there is no file.
+    """Read the recorded figures of an area, {`provenance`, `figures`}; empty where there is no file.
 
     Raises:
         InputError: The file is damaged.
@@ -249,7 +249,7 @@ def write_results_page(folder: str | Path, out: str | Path, now: Mapping[str, Ma
     Args:
         folder: Recorded scores, `{area}.json`; areas without one are said to be missing.
         out: The page.
-        now: {area: {code, settings}} of the tree as it is, as `gsbridge.experiment.provenance` gives them.
+        now: Digests of the current tree, {area: {code, settings}}, as `gsbridge.experiment.provenance` gives them.
 
     Raises:
         InputError: A file is damaged.

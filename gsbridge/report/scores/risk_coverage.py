@@ -17,19 +17,20 @@ Rows = Sequence[Mapping[str, Any]]
 """Cases as scores list them, with `sureness` ({measure: value}, empty for no answer), `guessed_right` and `verdict`."""
 
 LEVEL = 0.05
-"""Probability below which one method's answers count as wrong more often than another's."""
+"""P-value below which one method's answers count as wrong more often than another's."""
 
 
 def measures(rows: Rows) -> list[str]:
-    """Measures of how sure a method is that stand beside each of its answers."""
+    """List the measures of how sure a method is that it states for every one of its answers."""
     answers = [set(row["sureness"]) for row in rows if row["sureness"]]
     return sorted(set.intersection(*answers)) if answers else []
 
 
 def risk_coverage(rows: Rows, measure: str) -> tuple[Array, Array]:
-    """The curve of one method: every threshold on one measure of how sure it is, seen with hindsight.
+    """Make the curve of one method: coverage and risk at every threshold on one measure of how sure it is.
 
-    Cases in which nothing is hidden, or nothing that a catalogue holds, count, and any answer to them is wrong.
+    The thresholds are set with hindsight. Cases that hide nothing, or only effects that no catalogue holds, count, too: any
+    answer to them is wrong.
 
     Args:
         rows: Cases of the method.
@@ -37,7 +38,7 @@ def risk_coverage(rows: Rows, measure: str) -> tuple[Array, Array]:
 
     Returns:
         Coverage, the share of all cases that are answered, [K], ascending; and risk, the share of wrong ones among them, [K].
-        Answers that are equally sure are given together.
+        Equally sure answers share one point.
     """
     answers = sorted((-row["sureness"][measure], not row["guessed_right"]) for row in rows if row["sureness"])
     sure, wrong = (np.array(values, dtype=np.float64) for values in zip(*answers, strict=True))
@@ -46,7 +47,7 @@ def risk_coverage(rows: Rows, measure: str) -> tuple[Array, Array]:
 
 
 def best_measure(rows: Rows, coverage: float) -> str | None:
-    """The measure by which a method is wrong least often at a coverage; None where it answers nothing."""
+    """Find the measure by which a method is wrong least often at a coverage; None where the method answers nothing."""
     return min(measures(rows), key=lambda name: _wrong(rows, name, coverage), default=None)
 
 
@@ -55,10 +56,10 @@ def risk_at(rows: Rows, coverage: float) -> float | None:
 
     Args:
         rows: Cases of the method.
-        coverage: Share of all cases that it shall answer; one that answers less is taken at its most.
+        coverage: Share of all cases to answer; a method that answers fewer is taken at its largest coverage.
 
     Returns:
-        The risk; None where it answers nothing, or nothing is asked.
+        The risk; None where the method answers nothing, or the coverage is 0.
     """
     measure = best_measure(rows, coverage)
     shown = min(coverage, most_covered(rows))
@@ -76,14 +77,14 @@ def answered(rows: Rows) -> float:
 
 
 def riskier(rows: Rows, than: Rows, coverage: float) -> bool:
-    """Whether a method's answers are wrong more often than another's, both at a coverage or at the most that the first reaches.
+    """Whether a method's answers are wrong more often than another's, at a coverage or at the largest that both reach.
 
-    Fisher's exact test, one-sided, on wrong and right answers. Both are judged on the same cases, which the test does not use,
-    so that it errs towards saying no.
+    This is Fisher's exact test, one-sided, on wrong and right answers. It does not use that both methods are judged on the same
+    cases, so that it errs towards False.
 
     Args:
         rows: Cases of the method.
-        than: Cases of the other.
+        than: Cases of the other method.
         coverage: Share of all cases.
     """
     shown = min(coverage, most_covered(rows), most_covered(than))
@@ -96,6 +97,6 @@ def riskier(rows: Rows, than: Rows, coverage: float) -> bool:
 
 
 def _wrong(rows: Rows, measure: str, coverage: float) -> float:
-    """Wrong answers at a coverage, or at the most that there is; between two points of the curve by a straight line."""
+    """Number of wrong answers at a coverage, or at the largest there is; linear between two points of the curve."""
     shares, risks = risk_coverage(rows, measure)
     return float(np.interp(coverage, np.append(0.0, shares), np.append(0.0, shares * risks)) * len(rows))

@@ -93,10 +93,10 @@ def mask_iou(mask: Array, reference: Array) -> float:
 
 
 ABOVE_M = 0.003
-"""Surfaces count above this height: the bottom that no camera sees is no measurement."""
+"""Height above which surfaces count, m: no camera sees the bottom, so that it is not measured."""
 
 WORKING_AREA_M = 0.30
-"""Edge of the square on the table, round the object, where tilt and height of the table matter."""
+"""Edge of the square on the table, round the object, where tilt and height of the table matter, m."""
 
 
 def camera_scores(centres: Array, true_centres: Array, rotations: Array, area_centre: Array) -> dict[str, float]:
@@ -105,7 +105,7 @@ def camera_scores(centres: Array, true_centres: Array, rotations: Array, area_ce
     Args:
         centres: Estimated camera positions, table frame, m. [N, 3].
         true_centres: True camera positions in the same order, m. [N, 3].
-        rotations: `true_table_from_table` as each camera alone tells it: `true R^T @ estimated R`. [N, 3, 3].
+        rotations: `true_table_from_table` as each camera alone implies it: `true R^T @ estimated R`. [N, 3, 3].
         area_centre: Centre of the working area on the table, m. [2].
 
     Returns:
@@ -113,6 +113,7 @@ def camera_scores(centres: Array, true_centres: Array, rotations: Array, area_ce
         scale_percent: median ratio of distances between cameras, over the wider half of all pairs, against 1 (signed).
         tilt_deg, height_mm: angle and largest displacement of the estimated table plane over the working area, after
             the best similarity from estimated to true centres.
+        height_centre_mm: height of the estimated table at the centre of the area, by the same similarity (signed).
         yaw_deg: rotation about the table's normal by the same similarity.
         tilt_by_rotations_deg: the same tilt from the cameras' orientations, as a check.
     """
@@ -145,7 +146,7 @@ def _tilt_deg(normal: Array) -> float:
 
 
 def mask_scores(masks: Path, true_masks: Path, views: Sequence[View], camera: Camera) -> dict[str, Any]:
-    """IoU of the masks with the true ones, and the share of the holes that they leave open, over all registered views.
+    """IoU of the masks with the true ones, and the share of the true holes that they leave open, over all registered views.
 
     Args:
         masks: Folder of estimated masks, undistorted pixels.
@@ -226,7 +227,7 @@ def chamfer(mesh: Mesh, reference: Mesh, *, above: float = ABOVE_M, samples: int
 
 
 def mesh_scores(visual: Path, collision: Path, true_mesh: Path, seed: int) -> dict[str, Any]:
-    """Chamfer distances of both meshes of an object, what those forgive, and whether the meshes are closed.
+    """Chamfer distances of an object's two meshes, errors of shape that those hide, and whether the meshes are closed.
 
     Args:
         visual: File of the mesh that is drawn.
@@ -251,7 +252,7 @@ def mesh_scores(visual: Path, collision: Path, true_mesh: Path, seed: int) -> di
 
 
 def table_scores(visual: Path, true_mesh: Path) -> dict[str, float]:
-    """Size of a background's mesh, and how much of it lies where the true table has ended.
+    """Size of a background's mesh, and how much of it lies beyond the true table.
 
     Returns:
         table_long_m, table_short_m: sides of its bounding rectangle, m; table_outside_percent: share of its area beyond the
@@ -290,14 +291,14 @@ def score_scene(
 
     Args:
         scene: Scene name.
-        kind: `object` or `background`; masks and meshes are scored for objects.
+        kind: `object` or `background`; masks and chamfer distances are for objects, the table's size for backgrounds.
         sfm_json: Record of the sfm stage: registered, total, distorted camera.
         views_json: Cameras and poses after alignment.
         images: Folder of undistorted images that `views_json` names.
         truth_json: True cameras and poses.
         masks, true_masks: Folders of estimated and true masks; None leaves them out.
         visual, collision, true_mesh: Meshes; None leaves them out.
-        masks_json, mesh_json: Records of an object's stages, with their status; None where `wrong_and_pass` is not asked for.
+        masks_json, mesh_json: Records of an object's stages, with their status; None leaves `wrong_and_pass` out.
         seed: Seed of the surface samples.
 
     Returns:
@@ -355,5 +356,5 @@ def _area_centre(true_mesh: str | Path | None) -> Array:
 
 
 def write_scene_score(out: str | Path, **arguments: Any) -> None:
-    """Write `score_scene` of one scene as JSON; arguments as there."""
+    """Write the scores of one scene as JSON; arguments as in `score_scene`."""
     write_json(out, score_scene(**arguments))

@@ -1,4 +1,4 @@
-"""Measured figures, and the one generic score of them against the floors that are asked for."""
+"""Measured figures, and the generic way to score them against their floors."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ Figure = dict[str, Any]
 def single(
     value: float | None, n: int, where: str, interval: Sequence[float] | None = None, interval_of: str | None = None
 ) -> Figure:
-    """A figure from one value.
+    """Make a figure from one value.
 
     Args:
         value: The value; None where it could not be measured.
         n: How many measurements are behind it.
         where: File that it comes from.
         interval: Lower and upper limit; None for none.
-        interval_of: What the interval means.
+        interval_of: What the interval means, in words.
     """
     told = {} if interval_of is None else {"interval_of": interval_of}
     return {"value": value, "n": n, "interval": interval and list(interval), **told, "where": where}
 
 
 def success_rate(successes: int, trials: int, where: str, /, **more: Any) -> Figure:
-    """A success rate in percent with Wilson's interval.
+    """Make the figure of a success rate in percent with Wilson's 95 % interval.
 
     Args:
         successes: Successful trials.
@@ -54,13 +54,13 @@ def success_rate(successes: int, trials: int, where: str, /, **more: Any) -> Fig
 
 
 def over_scenes(by_scene: Mapping[str, float], summary: Callable[[list[float]], float], where: str, **more: Any) -> Figure:
-    """One figure from a value per scene.
+    """Make one figure from a value per scene.
 
     Args:
         by_scene: Value of each scene.
         summary: `min`, `max`, `statistics.median` or `statistics.fmean`.
         where: File that the values come from.
-        **more: Further entries.
+        **more: Further entries of the figure.
 
     Returns:
         The figure; its interval is Student's 95 % interval of the mean for a mean over at least two scenes, and the range
@@ -95,9 +95,9 @@ def write_measured(
     Args:
         out: The JSON file.
         preset: Preset that ran, so that figures of several presets can be scored together.
-        gather: Forms the figures.
-        damaged: What is at fault where that fails, with its verb.
-        source: The file at fault, if it is one; else `out` is named.
+        gather: Makes the figures.
+        damaged: Subject and verb of the error message if `gather` fails, such as `rows of the study are`.
+        source: File that the error message names; `out` if None.
 
     Raises:
         InputError: A file is damaged.
@@ -115,8 +115,8 @@ def read_floors(path: str | Path) -> dict[str, dict[str, Any]]:
     """Read `floors.yaml`: {figure: {what, area, floor, direction, unit, preset, where, needs?, stretch?}}.
 
     `needs` gives the smallest counts behind a figure, for example `{n: 4, seeds: 3}`; `stretch` is a further, voluntary aim. A
-    figure whose floor is null has a stretch aim only: it is never unmet for its value. One whose stretch is null, too, is only
-    reported.
+    figure whose `floor` is null has a stretch aim only, and its value never makes it unmet. A figure whose `stretch` is null as
+    well is only reported.
 
     Raises:
         InputError: The file is missing or an entry is malformed.
@@ -143,7 +143,7 @@ def read_floors(path: str | Path) -> dict[str, dict[str, Any]]:
 
 
 def reaches(value: float, floor: float, direction: str) -> bool:
-    """True if `value` is on the good side of `floor`, or on it.
+    """True if `value` is on the good side of `floor`, or equal to it.
 
     Args:
         value: Measured value.
@@ -154,7 +154,7 @@ def reaches(value: float, floor: float, direction: str) -> bool:
 
 
 def score_figure(floor: Mapping[str, Any], measured: Mapping[str, Any] | None, preset: str) -> dict[str, Any]:
-    """One figure of `scores/{area}.json`.
+    """Score one figure for `scores/{area}.json`.
 
     Args:
         floor: Entry of `floors.yaml`.
@@ -247,6 +247,8 @@ def write_scores(
 ) -> None:
     """Compare all figures of one area with their floors and write `scores/{area}.json`.
 
+    The file is {`provenance`: {commit, code, settings}, `figures`: {figure: score}}.
+
     Args:
         floors: `benchmarks/floors.yaml`.
         measured_json: Measured figures, as in `read_measured`.
@@ -254,8 +256,6 @@ def write_scores(
         area: Area of the figures to compare.
         preset: Preset that the measurement ran with.
         provenance: Digests of the code and the settings behind the figures, as `gsbridge.experiment.provenance` gives them.
-
-    The file is {`provenance`: {commit, code, settings}, `figures`: {figure: score}}.
 
     Raises:
         InputError: A file is damaged, or no floor belongs to the area.

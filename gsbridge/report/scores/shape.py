@@ -1,6 +1,6 @@
-"""Scores of what a distance between surfaces hides: how deep a vessel is, what can be seen through, what is missing at an end.
+"""Scores of what a mean distance between surfaces hides: depth of cavities, open holes, missing ends.
 
-A mean distance forgives a mug that is filled and a statue that has lost its plinth.
+A mean distance grows only little if a mug is filled, or if a statue has lost its plinth.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.cavity import cavity_depth
 
 _LEAST_HOLE = 16
-"""Fewer pixels are an outline's raggedness rather than a hole."""
+"""Smallest hole, pixels: smaller gaps come from a ragged outline."""
 WRONG_M = 0.005
 """A mesh that is off by more than this is wrong, m."""
 WRONG_IOU = 0.85
@@ -31,7 +31,7 @@ def shape_scores(name: str, mesh: Mesh, reference: Mesh) -> dict[str, float]:
         mesh, reference: Estimated and true surface, table frame, m.
 
     Returns:
-        `{name}_extent_mm`: largest displacement of a side of the bounding box, but for the one on the table. Where the true
+        `{name}_extent_mm`: largest displacement of a side of the bounding box, except the side on the table. Where the true
         object has a cavity also `cavity_mm`, its true depth, and `{name}_cavity_error_mm`, found less true.
     """
     sides = [mesh.vertices.min(0)[:2] - reference.vertices.min(0)[:2], mesh.vertices.max(0) - reference.vertices.max(0)]
@@ -51,13 +51,13 @@ def hole_pixels(mask: Array) -> Array:
 
 
 def hole_scores(pairs: Iterable[tuple[Array, Array]]) -> dict[str, Any]:
-    """How many pixels of the holes of true masks are open in the masks found.
+    """Count the pixels of holes in the true masks, and the share of them that the found masks leave open.
 
     Args:
         pairs: Found and true mask of each view, 0..1. [H, W] each.
 
     Returns:
-        `holes`: pixels of true holes over all views; `holes_found`: share of them that is open, absent where there are none.
+        `holes`: pixels of true holes over all views; `holes_found`: share of them that is open, absent without holes.
     """
     total = found = 0
     for mask, true in pairs:
@@ -68,7 +68,7 @@ def hole_scores(pairs: Iterable[tuple[Array, Array]]) -> dict[str, Any]:
 
 
 def wrong_and_pass(scores: Mapping[str, Any], masks_status: str, mesh_status: str) -> list[str]:
-    """What of an object is wrong though its stage says `pass`; none for an object that is right, or known to be degraded.
+    """List figures of an object that are wrong although its stage says `pass`; empty for right or degraded objects.
 
     Args:
         scores: Scores of the scene.
