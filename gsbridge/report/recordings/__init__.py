@@ -1,4 +1,4 @@
 """rerun recordings of each stage, built from the files that the stage left; open them with `rerun <file>.rrd`.
 
-One module per stage, and no imports here: an edit for one stage must not make the recordings of the others again.
+One module per stage, and no imports here: an edit for one stage must not cause other stages' recordings to be remade.
 """

@@ -74,7 +74,7 @@ def record_align(
 
 
 def _log_plane(stream: rr.RecordingStream, reach: float) -> None:
-    """A see-through square at z = 0 and a grid of 10 cm."""
+    """Log a see-through square at z = 0, m, and a grid of 10 cm on it."""
     corners = np.array([[-reach, -reach, 0], [reach, -reach, 0], [reach, reach, 0], [-reach, reach, 0]])
     stream.log(
         "table/plane",
@@ -87,7 +87,7 @@ def _log_plane(stream: rr.RecordingStream, reach: float) -> None:
 
 
 def _log_board(stream: rr.RecordingStream, board: Board) -> None:
-    """Rim of the sheet and squares of its tags."""
+    """Log the rim of the sheet and the squares of its tags."""
     width, height = board.size
     rim = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * [width / 2, height / 2]
     stream.log("table/board", rr.LineStrips3D([np.c_[rim, np.zeros(5)]], colors=[240, 240, 240], radii=0.0006), static=True)
@@ -100,13 +100,13 @@ def _log_board(stream: rr.RecordingStream, board: Board) -> None:
 
 
 def _log_tags(stream: rr.RecordingStream, views: list[View], tags: dict) -> None:
-    """Tag corners over the photos, and as points triangulated from all of them."""
+    """Log the tag corners over the photos, and as points triangulated from all photos."""
     sights: dict[tuple[str, int], list[tuple[Camera, Array, Array]]] = {}
     for index, view in enumerate(views):
         found = {tag: np.array(corners, dtype=np.float64) for tag, corners in tags.get(view.name, {}).items()}
         stream.set_time("view", sequence=index)
         closed = [np.vstack([corners, corners[:1]]) for corners in found.values()]
-        # Photos are logged smaller than they are: corners follow.
+        # Photos are logged at a reduced size, so the corners are scaled with them.
         factor = min(1.0, IMAGE_SIDE_PX / max(view.camera.width, view.camera.height))
         stream.log("table/view/tags", rr.LineStrips2D([line * factor for line in closed], colors=TAG_COLOUR, radii=1.0))
         for tag, corners in found.items():

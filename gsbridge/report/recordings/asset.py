@@ -1,4 +1,4 @@
-"""Recording of the asset stage: hulls, surface and splats of a body in its own frame, with what it weighs."""
+"""Recording of the asset stage: hulls, surface and splats of a body in its own frame, with its mass."""
 
 from __future__ import annotations
 

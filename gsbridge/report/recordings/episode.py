@@ -27,7 +27,7 @@ FORCE_COLOURS = [[220, 50, 50], [60, 90, 230], [40, 40, 40], [230, 160, 40]]
 LENGTH_COLOURS = [[150, 90, 200], [50, 160, 120]]
 
 PLANE_M = 0.12
-"""Distance from the camera at which its picture is drawn in space."""
+"""Distance from the camera at which its picture is drawn in space, m."""
 
 EYE_M, TARGET_M = (0.9, -0.7, 0.9), (-0.15, 0.25, 0.3)
 """Points where the viewer first stands and looks at; table frame, m. The nominal base is at x = -0.6, y = 0.265."""
@@ -61,7 +61,7 @@ def record_episode(files: EpisodeFiles, name: str, out: str | Path) -> None:
     `plots/actions` (5), `plots/forces` (4, N), `plots/lengths` (opening and clearance of the object, mm); `summary`.
 
     Args:
-        files: What it is made of.
+        files: Files that the recording is made of.
         name: Name of the recording: object and background.
         out: The `.rrd`.
 
@@ -172,7 +172,7 @@ def _log_picture(stream: rr.RecordingStream, entity: str, image: Array) -> None:
 
 
 def _photos(folder: str | Path, count: int) -> dict[int, Path]:
-    """Photos by step.
+    """Find the photos, by step.
 
     Raises:
         InputError: There is none, or one of a step that the episode does not have.

@@ -26,20 +26,20 @@ FRAMES_PER_S = 25.0
 """Poses drawn per second; curves keep every sample."""
 
 VISIBLE_RAD = 0.25
-"""Deviations are enlarged until the largest is about this: a milliradian shows on no picture."""
+"""Size to which the largest deviation is enlarged, about, rad or m: a milliradian would not be visible."""
 
 
 def record_gap(
     model: str | Path, findings: str | Path, series: str | Path, replays: str | Path, case: str, out: str | Path
 ) -> None:
-    """Record the motion of the record `verify`; throws and pictures as `gap_throws` and `gap_photos` beside this module do.
+    """Record the motion of the record `verify`; `record_throws` and `record_photos` do so for cases of throws and pictures.
 
     Entities on the timeline `time` (s): `{way}/mechanism` and, grey, `{way}/measured` for each way of `WAYS`, with deviations
     from the measured motion enlarged; `plots/position/{joint}/{way}`, rad or m; `plots/residual/{channel}/before` and
     `/after`, in units of the noise; `summary`.
 
     Args:
-        model: The model.
+        model: Model file of the case.
         findings: `findings.json`.
         series: `replays.npz`.
         replays: `replays.json`.
@@ -66,7 +66,7 @@ def record_gap(
         positions["explained"] = motion[f"{JUDGED}/explained_position"]
         residuals["after"] = motion[f"{JUDGED}/after"]
     factor = enlargement(positions)
-    # Of an arm of which the tool alone was seen, joints stand where they were commanded to.
+    # If only the tool of an arm was measured, the joints are drawn at their commanded positions.
     known = "measured" if rows.get("joints_measured", True) else "commanded"
     enlarged = f"Deviations from the {known} motion are drawn {factor:g} times as large." if factor > 1 else ""
     time = motion[f"{JUDGED}/time"]
@@ -78,7 +78,7 @@ def record_gap(
 
 
 def enlargement(positions: dict[str, Array]) -> float:
-    """Factor by which deviations are drawn larger, one digit; at least 1. Positions by kind, [T, N] each."""
+    """Factor by which deviations are enlarged, of one digit, at least 1. Positions by way, rad or m, [T, N] each."""
     largest = max(
         (float(np.abs(np.nan_to_num(q - positions["measured"])).max()) for way, q in positions.items() if way != "measured"),
         default=0.0,
@@ -104,7 +104,7 @@ def place_joints(chain: Chain, q: Array) -> Array:
 
 
 def lines(chain: Chain, centres: Array, q: Array) -> Array:
-    """What is drawn of a mechanism: lines from joint to joint, and from each joint to the centre of the mass that it moves.
+    """Lines that stand for a mechanism: from joint to joint, and from each joint to the centre of the mass that it moves.
 
     Args:
         chain: The mechanism.
@@ -124,7 +124,7 @@ def lines(chain: Chain, centres: Array, q: Array) -> Array:
 def _log_motion(
     stream: rr.RecordingStream, chain: Chain, centres: Array, time: Array, positions: dict[str, Array], factor: float
 ) -> None:
-    """The mechanism of every way, deviations enlarged, beside the measured one."""
+    """Log the mechanism of every way, with deviations enlarged by `factor`, beside the measured one."""
     reach = float(np.abs(lines(chain, centres, positions["measured"][0])).max())
     measured = positions["measured"]
     for row in range(0, len(time), max(1, round(1 / FRAMES_PER_S / float(np.median(np.diff(time)))))):
@@ -147,7 +147,7 @@ def _log_curves(
     positions: dict[str, Array],
     residuals: dict[str, Array],
 ) -> None:
-    """Positions of the joints and residuals of all channels, every sample."""
+    """Log the positions of the joints and the residuals of all channels, every sample."""
     times = [rr.TimeColumn("time", duration=time.astype(np.float64))]
     for way, q in positions.items():
         for joint, column in zip(joints, q.T, strict=True):
@@ -170,7 +170,7 @@ def _with_units(system: MechanismModel) -> dict[str, str]:
 def _layout(
     ways: tuple[str, ...], joints: Mapping[str, str], channels: list[str], factor: float, titles: Mapping[str, str]
 ) -> rrb.Container:
-    """Mechanisms side by side above, curves below; `joints` with the units of their positions."""
+    """Mechanisms side by side above, curves below; `joints` maps each joint to the unit of its position."""
     enlarged = f", deviation × {factor:g}" if factor > 1 else ""
     spaces = [
         rrb.Spatial3DView(origin=way, name=titles[way] + ("" if way == "measured" else enlarged), contents="$origin/**")

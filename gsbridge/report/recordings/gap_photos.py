@@ -19,7 +19,7 @@ PHOTOS = {"before": "Earlier", "after": "Later", "expected": "As expected"}
 APART = {"gap": "Apart before", "left": "Apart with the explanation"}
 
 FULL = 6.0
-"""Deviations of the noise that are drawn as white."""
+"""Deviation that is drawn as white, in units of the noise."""
 
 
 def record_photos(found: Mapping[str, Any], series: Mapping[str, Array], case: str, out: str | Path) -> None:
@@ -30,7 +30,7 @@ def record_photos(found: Mapping[str, Any], series: Mapping[str, Array], case: s
 
     Args:
         found: What `findings.json` holds.
-        series: What `replays.npz` holds: photos [V, H, W, 3], and what differs [V, h, w].
+        series: What `replays.npz` holds: photos [V, H, W, 3], and maps of their deviations [V, h, w].
         case: Name of the case.
         out: The `.rrd`.
     """

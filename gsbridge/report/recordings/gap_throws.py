@@ -34,7 +34,7 @@ def summary(found: Mapping[str, Any], note: str) -> str:
 
 
 SHOWN = 12
-"""Number of throws in a recording, spread evenly over all throws in the order of their distances before."""
+"""Number of throws in a recording, spread evenly over all throws in the order of their mean distances before."""
 
 PAUSE = 0.4
 """Pause between two throws, s."""
@@ -51,7 +51,7 @@ def record_throws(model: str | Path, findings: str | Path, series: str | Path, c
     `plots/distance/before` and `/after`, mm; `summary`.
 
     Args:
-        model: The model.
+        model: Model file of the case.
         findings: `findings.json`.
         series: `replays.npz`.
         case: Name of the case.
@@ -125,7 +125,7 @@ def _log_body(
     rows: list[Array],
     clock: Array,
 ) -> None:
-    """A body that moves."""
+    """Log a body and its poses over time."""
     vertices, triangles = solid(body)
     # Every triangle has corners of its own, so that edges stay sharp.
     corners = vertices[triangles].reshape(-1, 3)
@@ -146,7 +146,7 @@ def _log_body(
 
 
 def _log_surface(stream: rr.RecordingStream, entity: str, body: FreeBody, position: Array) -> None:
-    """The part of the surface on which the throws end."""
+    """Log a square of the surface that the throws hit, as wide as the throws spread."""
     middle = 0.5 * (position.min(axis=0) + position.max(axis=0))
     half = 0.5 * (position.max(axis=0) - position.min(axis=0)).max()
     turn = Rotation.from_euler("xyz", [body.figures["tilt_x"], body.figures["tilt_y"], 0.0])
@@ -161,7 +161,7 @@ def _log_surface(stream: rr.RecordingStream, entity: str, body: FreeBody, positi
 
 
 def _log_distances(stream: rr.RecordingStream, motion: Mapping[str, Array], rows: Array, clock: Array) -> None:
-    """Distances to the measured position, every sample."""
+    """Log the distances to the measured position, mm, every sample."""
     times = [rr.TimeColumn("time", duration=clock.astype(np.float64))]
     for when, way in (("before", "nominal"), ("after", "explained")):
         if f"{JUDGED}/{when}" in motion:

@@ -1,4 +1,4 @@
-"""Opening and closing of rerun recordings, and what several stages log."""
+"""Opening and closing of rerun recordings, and logging that several stages share."""
 
 from __future__ import annotations
 
@@ -111,7 +111,9 @@ def log_camera(
 
 
 def log_centres(stream: rr.RecordingStream, entity: str, cloud: Cloud) -> None:
-    """Log the splats of a body as points, which every viewer draws; their radius is the middle one of each splat's three.
+    """Log the splats of a body as points, which every viewer draws.
+
+    The radius of a point is the middle one of its splat's three scales, limited to 0.2 to 5 mm.
 
     Args:
         stream: Recording.

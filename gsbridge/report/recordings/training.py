@@ -40,7 +40,7 @@ GROUPS = {
     "schedule": ("actor_share", "imitated_share", "lambda", "alpha", "alarm"),
     "seconds": tuple(name for name in COLUMNS if name.startswith("cpu_")),
 }
-"""Columns of the curve that share a plot."""
+"""Columns of the curve that share a plot, by the plot's name."""
 
 _FIGURES = ("algo", "success", "retest_success", "controller_success", "steps", "updates", "target_alarms", "replay_mb", "seed")
 

@@ -20,15 +20,15 @@ ACTIONS = ("x", "y", "z", "turn", "opening")
 AXES = [[220, 50, 50], [50, 180, 50], [60, 90, 230], [230, 160, 40], [150, 90, 200]]
 FORCE_COLOURS = [[220, 50, 50], [60, 90, 230], [40, 40, 40], [230, 160, 40]]
 WORLD_COLOURS = [[36, 102, 168], [217, 100, 30], [44, 122, 75], [150, 90, 200]]
-"""Simulation and the others, in their order."""
+"""Colours of the worlds in their order, simulation first."""
 RUNNING, WON, LOST = [40, 40, 40], [44, 122, 75], [190, 44, 52]
 
 PAUSE_S = 0.5
 """Pause between two trials on the timeline, s; curves have a gap there."""
 WINDOW_S = 3.0
-"""Part of the curves shown on either side of the moment that is looked at: about a trial."""
+"""Length of the curves shown before and after the current time, s: about a trial."""
 PAD_M, PALM_M = 0.02, 0.06
-"""Half the width of the drawn pads and the height of the drawn palm over the tool point."""
+"""Half the width of the drawn pads and the height of the drawn palm over the tool point, m."""
 EYE_M, TARGET_M = (0.55, -0.35, 0.50), (0.0, 0.26, 0.08)
 """Points where the viewer first stands and looks at; table frame, m. Objects start round x = 0, y = 0.265."""
 
@@ -46,7 +46,7 @@ def record_trials(
     Args:
         cell: What the policy learned.
         files: Trials of the policy, all worlds and seeds.
-        item, background: `asset.json` of both.
+        item, background: `asset.json` of the object and of the background.
         out: The `.rrd`.
 
     Raises:
@@ -71,7 +71,7 @@ def record_trials(
 
 
 def longest(start: Start) -> int:
-    """Steps until the last world is done."""
+    """Number of steps until the trial has ended in every world."""
     return max(len(trial.path) for trial in start.trials.values()) - 1
 
 
@@ -136,7 +136,7 @@ def _log_series(stream: rr.RecordingStream, worlds: Sequence[str]) -> None:
 
 
 def _log_overview(stream: rr.RecordingStream, start: Start, number: int) -> None:
-    """Paths of a trial among all, by outcome."""
+    """Log the hand's paths of one trial to the view of all paths, coloured by outcome."""
     outcome = "success" if start.succeeded() else "failure"
     for world, trial in start.trials.items():
         entity = f"paths/{rr.escape_entity_path_part(f'{number:03d} {start.label} {outcome}')}/{world}"
@@ -165,7 +165,7 @@ def _log_trial(stream: rr.RecordingStream, start: Start, number: int, begin: flo
 
 
 def _log_world(stream: rr.RecordingStream, world: str, trial: Tried, number: int, begin: float) -> None:
-    """All states of one trial in one world: whole columns, because single rows would make the file several times as large."""
+    """Log all states of one trial in one world, as columns: single rows would make the file several times as large."""
     path = trial.path
     count = len(path)
     index = _index(np.arange(count), number, begin)
@@ -190,7 +190,7 @@ def _log_world(stream: rr.RecordingStream, world: str, trial: Tried, number: int
 
 
 def _index(steps: Array, number: int, begin: float) -> list[rr.TimeColumn]:
-    """Both timelines at some steps of a trial."""
+    """Make the columns of both timelines for some steps of a trial."""
     return [
         rr.TimeColumn("time", duration=begin + STEP_S * np.asarray(steps)),
         rr.TimeColumn("trial", sequence=np.full(len(steps), number)),
@@ -198,7 +198,7 @@ def _index(steps: Array, number: int, begin: float) -> list[rr.TimeColumn]:
 
 
 def _send_curves(stream: rr.RecordingStream, entity: str, values: Array, number: int, begin: float) -> None:
-    """Values of all steps. [N, C]."""
+    """Log the values of all steps as curves. [N, C]."""
     columns = rr.Scalars.columns(scalars=np.ravel(values)).partition([values.shape[1]] * len(values))
     stream.send_columns(entity, _index(np.arange(len(values)), number, begin), columns)
 
@@ -222,7 +222,7 @@ def _outcome(start: Start, number: int) -> str:
 
 
 def _list(cell: CellPaths, starts: Sequence[Start], begins: Array) -> str:
-    """All trials, Markdown."""
+    """List all trials as a Markdown table."""
     worlds = list(starts[0].trials)
     wins = [f"{_title(world)} {sum(start.trials[world].success for start in starts)}" for world in worlds]
     lines = [

@@ -187,8 +187,7 @@ def write_policy_figures(
 
     Args:
         out: JSON of measured figures, an input of `score.write_scores`.
-        grasping, renderer_contrast, pick_and_place, training: Rows of the tables; None for tables that the preset does not
-            make.
+        grasping, renderer_contrast, pick_and_place, training: Rows of the tables; None for tables that were not made.
         toy: `rows/grasping.csv` of a toy run; None where it was not run.
         wall_times: Output of `benchmarks/wall_time.py`; None where it was not run.
         preset: Preset that ran.
