@@ -1,1 +1,1 @@
-"""The page of tables and the look of all pages. Builds on tables and figures."""
+"""Pages of tables, scenes and masks, and the look of all pages. Builds on tables and figures."""

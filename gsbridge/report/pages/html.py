@@ -13,14 +13,14 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 
 def render(template: str, **content: object) -> str:
-    """Text of a page.
+    """Fill in a template, and return the text of the page.
 
     Args:
         template: Name of a file in `TEMPLATES`.
         **content: Every name that the template asks for; text is escaped.
 
     Raises:
-        jinja2.UndefinedError: The template asks for more.
+        jinja2.UndefinedError: The template asks for a name that `content` lacks.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),

@@ -15,7 +15,7 @@ from gsbridge.report.pages.html import write_page
 from gsbridge.report.pages.photo_pictures import jpeg_uri, masked_photo, ruled
 
 PHOTOS = 12
-"""Photos on a sheet where none is named, evenly over the capture."""
+"""Number of photos on a sheet if none is named, spread evenly over the capture."""
 _LONGEST = 1000
 
 
@@ -36,14 +36,14 @@ def write_mask_sheet(
         scene: Name of the scene.
         folder: Its results, `results/scenes/{scene}`; the stages up to align have run.
         out: The page.
-        names: Photos to show; none: some of all.
-        points: See `SceneMasks`.
+        names: Photos to show; if empty, `PHOTOS` of all.
+        points: Points that were already given; see `SceneMasks`.
 
     Returns:
         Number of photos shown.
 
     Raises:
-        InputError: The scene has no registered photos, or not one of that name.
+        InputError: The scene has no registered photos, or none of a given name.
     """
     base = Path(folder)
     if not (base / "align/views.json").is_file():

@@ -26,13 +26,13 @@ def jpeg_uri(image: Array, quality: int = 85) -> str:
 
 
 def masked_photo(photo: str | Path, mask: str | Path | None, longest: int, dim: float = 0.45) -> Array:
-    """A photo with its mask: the outline drawn, what lies beside it darker.
+    """Draw the outline of a photo's mask, and darken the photo outside it.
 
     Args:
         photo: File.
         mask: File; None leaves the photo as it is.
         longest: Longest side of the result, px.
-        dim: Brightness beside the mask, relative to the photo's.
+        dim: Brightness outside the mask, relative to the photo's.
 
     Returns:
         [h, w, 3] uint8 RGB.
@@ -54,7 +54,7 @@ def masked_photo(photo: str | Path, mask: str | Path | None, longest: int, dim: 
 
 
 def ruled(picture: Array, factor: float, points: Sequence[tuple[float, float, str]] = ()) -> Array:
-    """A picture with lines at round pixels of its photo, numbered, and with the points that are already given.
+    """Draw numbered lines at round pixel numbers of the photo, and the points that were already given.
 
     Args:
         picture: [h, w, 3] uint8 RGB.
@@ -84,7 +84,7 @@ def ruled(picture: Array, factor: float, points: Sequence[tuple[float, float, st
 
 
 def ruler_step(longest: float) -> int:
-    """Distance of ruler lines, px: the smallest of 1, 2, 5 times a power of ten that needs few of them."""
+    """Distance of ruler lines, px: the smallest of 1, 2, 5 times a power of ten with at most `_LINES` lines."""
     power = 1
     while True:
         for digit in (1, 2, 5):
@@ -94,6 +94,6 @@ def ruler_step(longest: float) -> int:
 
 
 def _number(picture: Array, text: str, place: tuple[int, int]) -> None:
-    """Small white text with a dark rim, in place."""
+    """Write small white text with a dark rim into the picture."""
     for colour, width in (((0, 0, 0), 3), (_RULER, 1)):
         cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.38, colour, width, cv2.LINE_AA)

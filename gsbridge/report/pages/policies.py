@@ -1,4 +1,4 @@
-"""The page's part about policies: which rows belong to it, what they come to in sentences, films."""
+"""The part about policies on the page of tables: its rows, its summary in sentences, its films."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COLUMNS = {
     "training": training_table.COLUMNS,
 }
 NAMES = tuple(COLUMNS)
-"""Rows about policies, in the order of the page."""
+"""Names of the rows about policies, in the order of the page."""
 
 FILM_KINDS = {".mp4": "video/mp4", ".webm": "video/webm", ".gif": "image/gif", ".webp": "image/webp", ".png": "image/png"}
 WORLD_TITLES = {MIRROR: "in the mirror", ROBOT: "on the robot"}
@@ -54,12 +54,12 @@ _PARTS = (
     (("failures", "Failures", ()), "How the trials ended that are no success, by the task's own judgement."),
     (("training", "Training", ("learning_curves",)), "Each policy's way to its success, and what it took."),
 )
-"""Name of the rows, title, beginnings of its pictures' names; introduction."""
+"""Of each part: name of its rows, title, beginnings of its pictures' names; introduction."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure inside the page; `title` is what is read aloud instead of it."""
+    """A figure inside the page; `title` is its alternative text, which screen readers read aloud."""
 
     name: str
     title: str
@@ -80,7 +80,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Film:
-    """A film inside the page; `moving` for one with a player."""
+    """A film inside the page; `moving` is true for a video, which needs a player."""
 
     title: str
     data: str
@@ -97,7 +97,7 @@ def read_policy_rows(named: Mapping[str, Path]) -> PolicyRows:
 
 
 def policy_tables(rows: PolicyRows) -> dict[str, list[Table]]:
-    """Printed tables by the name of their rows."""
+    """Make the printed tables, by the name of their rows."""
     out = success_tables({name: found for name, found in rows.items() if name in SUCCESS})
     for name, table in (("failures", failures_table.failures_table), ("training", training_table.training_table)):
         if name in rows:
@@ -106,11 +106,11 @@ def policy_tables(rows: PolicyRows) -> dict[str, list[Table]]:
 
 
 def policy_parts(printed: Mapping[str, Sequence[Table]], pictures: Sequence[Picture]) -> list[Part]:
-    """Parts of the page that have something to show.
+    """Make the parts of the page that have something to show.
 
     Args:
         printed: Printed tables by the name of their rows.
-        pictures: Each goes to the part that asks for names that begin like its own, others are left out.
+        pictures: Each goes to the part that lists the beginning of its name; without such a part it is left out.
     """
     out = []
     for (name, title, beginnings), intro in _PARTS:
@@ -122,7 +122,7 @@ def policy_parts(printed: Mapping[str, Sequence[Table]], pictures: Sequence[Pict
 
 
 def degraded_policies(rows: PolicyRows, scenes: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
-    """Reasons of cells that are no clean pass, beyond those of their scenes, which stand on their own.
+    """List why cells are degraded, without the reasons of their scenes, which the page lists on their own.
 
     Args:
         rows: All rows about policies.
@@ -140,14 +140,14 @@ def degraded_policies(rows: PolicyRows, scenes: Mapping[str, Sequence[str]]) -> 
                 f"{cell_title(cell)}, {cell.task.replace('_', ' ')}, {TITLES.get(cell.renderer, cell.renderer)}", []
             )
             for reason in found:
-                # A training's reservations hold in every world.
+                # The reasons of a training hold in every world.
                 text = reason if reason.startswith("training: ") else f"{row['world']}: {reason}"
                 reasons += [] if text in reasons else [text]
     return out
 
 
 def policy_headline(rows: PolicyRows) -> list[str]:
-    """What the success tables come to, in sentences; from unseen start poses where there are some."""
+    """Summarise the success tables in sentences, from unseen start poses where there are some."""
     grasping = rows.get("grasping", [])
     cells = standard_cells(grasping, "grasp")
     views = _views(grasping, cells)
@@ -176,14 +176,14 @@ def policy_headline(rows: PolicyRows) -> list[str]:
 
 
 def _views(rows: Sequence[Row], cells: Sequence[CellPaths]) -> dict[str, Overview]:
-    """Overview of each world, from unseen start poses where there are some: never from those beyond the training's square."""
+    """Overview of each world, from unseen start poses where there are some; never from those outside the training square."""
     found = [view for view in overviews(read_counts(rows), cells) if view.pose_set in PAPER_POSE_SETS]
     chosen = found[-1].pose_set if found else ""
     return {view.world: view for view in found if view.pose_set == chosen}
 
 
 def _means(task: str, cells: Sequence[CellPaths], views: Mapping[str, Overview]) -> str:
-    """Mean success in simulation and the other worlds."""
+    """State the mean success in simulation and in the other worlds."""
     sim = views[STRICT_WORLD]
     parts = [f"{percent(sim.mean)} of the trials succeed in simulation"]
     for world, where in WORLD_TITLES.items():
@@ -197,7 +197,7 @@ def _means(task: str, cells: Sequence[CellPaths], views: Mapping[str, Overview])
 
 
 def _drops(cells: Sequence[CellPaths], mirror: Overview) -> list[str]:
-    """Mean relative drops to the mirror."""
+    """State the mean relative drops from simulation to the mirror."""
     drop, count = mirror.drop()
     if drop is None:
         return []
@@ -211,19 +211,19 @@ def _drops(cells: Sequence[CellPaths], mirror: Overview) -> list[str]:
 
 
 def _falls(drop: float) -> str:
-    """`drops by 3.1 %`, `rises by 1.0 %` or `stays the same`."""
+    """State a drop in words: `drops by 3.1 %`, `rises by 1.0 %` or `stays the same`."""
     if abs(drop) < 5e-4:
         return "stays the same"
     return f"{'drops' if drop >= 0 else 'rises'} by {percent(abs(drop))}"
 
 
 def _cells(cells: Sequence[CellPaths]) -> str:
-    """`8 cells`, or the one there is by its name."""
+    """State the number of cells, such as `8 cells`; name a single cell."""
     return cell_title(cells[0]) if len(cells) == 1 else f"{len(cells)} cells"
 
 
 def film(title: str, path: str | Path) -> Film:
-    """A film as a data URI, so that the page stays one file.
+    """Encode a film as a data URI, so that the page stays one file.
 
     Raises:
         InputError: The film is missing or of another kind.

@@ -1,4 +1,4 @@
-"""Assembling rows and figures into `results/tables`: CSV, Markdown, LaTeX, and one page that a person likes to read."""
+"""Assembling rows and figures into `results/tables`: CSV, Markdown, LaTeX, and one HTML page."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class StageTime:
 
 
 def stage_times(rows: Sequence[Row]) -> list[StageTime]:
-    """Sums over the jobs of each rule, the longest rule first."""
+    """Sum the times over the jobs of each rule, the longest rule first."""
     groups: dict[str, list[Row]] = {}
     for row in rows:
         groups.setdefault(row["rule"], []).append(row)
@@ -90,7 +90,7 @@ def stage_times(rows: Sequence[Row]) -> list[StageTime]:
 
 
 def timing_display(rows: Sequence[Row]) -> Table:
-    """Time per rule for print."""
+    """Lay out the time per rule for print."""
     body = [
         (s.rule, str(s.jobs), f"{s.wall_s:.1f}", f"{s.cpu_s:.1f}", f"{s.max_rss_mb:.0f}", s.slowest or "–")
         for s in stage_times(rows)
@@ -100,16 +100,16 @@ def timing_display(rows: Sequence[Row]) -> Table:
 
 
 def plain_table(name: str, rows: Sequence[Row]) -> Table:
-    """Rows of a table without a layout of its own, as they are."""
+    """Lay out the rows of a table that has no layout of its own, as they are."""
     columns = tuple(rows[0]) if rows else ("empty",)
     return Table(name.replace("_", " "), columns, tuple(tuple(row[column] for column in columns) for row in rows))
 
 
 def picture(path: str | Path) -> Picture:
-    """A figure as a data URI, photos as JPEG, so that the page is one file that can be mailed.
+    """Encode a figure as a data URI, photos as JPEG, so that the page is one file that can be mailed.
 
     Raises:
-        InputError: The figure is missing, no image, or none that the page has words for.
+        InputError: The figure is missing, is no image, or has no caption in `CAPTIONS`.
     """
     source = Path(path)
     words = next((words for name, words in CAPTIONS.items() if source.stem.startswith(name)), None)
@@ -127,7 +127,7 @@ def picture(path: str | Path) -> Picture:
 
 
 def headline(lines: Sequence[SceneLine]) -> list[str]:
-    """What the rendering table comes to, in a sentence for each kind of scene."""
+    """Summarise the rendering table in a sentence for each kind of scene."""
     out = []
     for kind, name in (("object", "objects"), ("background", "backgrounds")):
         mine = [line for line in lines if line.kind == kind and line.origin == "mirror" and line.gain is not None]
@@ -179,7 +179,7 @@ def write_tables(
     known = read_records(records)
     scenes = degraded_reasons(known) if records else _degraded(rendering)
     degraded = {**scenes, **degraded_policies(policies, scenes)}
-    # A scene is as sound as its weakest stage, whatever the training itself says.
+    # A scene counts as degraded if any of its stages is, whatever the record of its splats says.
     by_origin = rendering_tables([{**row, "status": "degraded"} if row["scene"] in scenes else row for row in rendering])
     printed: dict[str, list[Table]] = policy_tables(policies)
     others: list[Table] = []
@@ -218,12 +218,12 @@ def write_tables(
 
 
 def _retitled(table: Table, before: str) -> Table:
-    """The table with words before its title."""
+    """Copy the table with words before its title."""
     return Table(before + table.title, table.columns, table.rows, table.notes, table.best, table.status)
 
 
 def _degraded(rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Reasons of each scene that is not a clean pass."""
+    """List the reasons of each scene that is degraded."""
     out: dict[str, list[str]] = {}
     for row in rows:
         if row["status"] == "degraded" and row["reasons"] not in out.setdefault(row["scene"], []):

@@ -23,7 +23,7 @@ def write_comparison(
     page: str | Path,
     figure: str | Path,
 ) -> None:
-    """Write what a comparison says, as rows, as a page and as a figure.
+    """Write a comparison as rows, as a page and as a figure.
 
     Args:
         who: `worth` (what splats are worth) or `graded` (how well simulation foretells policies of different skill).
