@@ -21,8 +21,8 @@ COLUMNS = (
     *("task", "object", "background", "renderer", "variant", "world", "pose_set", "trials"),
     *("distance_mm_median", "distance_mm_p90", "sim_successes", "world_successes", "same_outcome"),
 )
-"""One row per policy, world beside `sim`, and pose set. Distances as in `gsbridge.report.figures.path_distance`; successes are
-counts, as the tables count them; `same_outcome` counts the start poses at which both worlds succeeded or both failed."""
+"""One row per policy, world other than `sim`, and pose set. Distances as in `gsbridge.report.figures.path_distance`; successes
+are counts, as the tables count them; `same_outcome` counts the start poses at which both worlds succeeded or both failed."""
 
 
 @dataclass(frozen=True)
@@ -44,18 +44,18 @@ class Behaviour:
 
     @cached_property
     def distances_mm(self) -> dict[str, Array]:
-        """Distance of each start's paths, by world. [N] each."""
+        """Distance between the hand's paths in simulation and in another world, by that world, mm. [N] each."""
         return {world: np.array([start.distance_mm(world) for start in self.starts]) for world in self.worlds}
 
 
 def write_behaviour(policies: Sequence[tuple[CellPaths, Sequence[ShownTrials]]], figure: str | Path, rows: str | Path) -> None:
     """Compare the hand's paths of all policies: rows for each, and the paper's figure.
 
-    The figure shows the cells that were learned from meshes too beside what was learned from splats; without any, the first
-    policy. Its world is the first one beside simulation.
+    The figure shows the cells whose policies learned from several renderers, splats first; without such a cell, it shows the
+    first policy. It compares simulation with the first policy's first other world.
 
     Args:
-        policies: Each with its trials; `sim` and at least one other world, the same for all.
+        policies: Each with its trials in `sim` and in at least one other world, the same for all.
         figure: PNG, PDF or SVG.
         rows: CSV with `COLUMNS`.
 
@@ -76,7 +76,7 @@ def write_behaviour(policies: Sequence[tuple[CellPaths, Sequence[ShownTrials]]],
 
 
 def consistency_rows(behaviour: Behaviour) -> list[dict]:
-    """Rows of one policy, see `COLUMNS`."""
+    """Make the rows of one policy, see `COLUMNS`."""
     out = []
     for world in behaviour.worlds:
         for pose_set in POSE_SETS:
@@ -103,7 +103,7 @@ def consistency_rows(behaviour: Behaviour) -> list[dict]:
 
 
 def most_typical(distances: Sequence[Array]) -> int:
-    """The start pose whose distances lie nearest to the medians of several policies, counted in ranks; [N] each -> 0..N - 1.
+    """Find the start pose whose distances rank nearest to the medians of several policies. [N] each -> 0..N - 1.
 
     A picture of one trial stands for all of them: neither the best nor the worst is shown.
     """
@@ -113,7 +113,7 @@ def most_typical(distances: Sequence[Array]) -> int:
 
 
 def _shown(found: Sequence[Behaviour]) -> list[list[Behaviour]]:
-    """Policies of the figure's blocks: cells with more than one renderer, splats first, or the first policy alone."""
+    """Choose the figure's policies, by block: cells with more than one renderer, splats first, or the first policy alone."""
     cells: dict[tuple[str, ...], list[Behaviour]] = {}
     for behaviour in found:
         cell = behaviour.cell
@@ -123,7 +123,7 @@ def _shown(found: Sequence[Behaviour]) -> list[list[Behaviour]]:
 
 
 def _block(members: Sequence[Behaviour], world: str) -> Block:
-    """Draw one cell: all its renderers from the same start pose, where they share one."""
+    """Make the block of one cell: all its renderers, shown from one start pose where they share all start poses."""
     keys = [[(start.seed, start.pose_set, start.index) for start in member.starts] for member in members]
     same = all(key == keys[0] for key in keys)
     values = [member.distances_mm[world] for member in members]

@@ -28,7 +28,7 @@ from gsbridge.report.figures.paired_trials import SIM, STEP_S, Start, cell_name
 from gsbridge.report.tables.result_paths import CellPaths
 
 SHOWN = 8
-"""Pictures of a strip, and start poses whose paths are drawn."""
+"""Number of pictures in a strip, and of start poses whose paths are drawn."""
 COLOURS = {SIM: "#2466a8", "other": "#d9641e"}
 FAILED = "#b3202a"
 LOWER, UPPER = np.array([-0.15, 0.115, 0.0]), np.array([0.15, 0.415, 0.28])
@@ -43,7 +43,7 @@ class PolicyLine:
     """Trials of one policy, one line of the figure.
 
     Args:
-        cell: What it learned.
+        cell: What the policy learned.
         starts: Start poses that the line shows.
         distances_mm: Distance between the paths from each start pose, mm. [N].
     """
@@ -55,7 +55,7 @@ class PolicyLine:
 
 @dataclass(frozen=True)
 class Block:
-    """Policies of one cell, one line each; `chosen` is the number of the start pose whose pictures stand for each line."""
+    """Policies of one cell, one line each; `chosen` numbers the start pose whose pictures each line shows."""
 
     lines: tuple[PolicyLine, ...]
     chosen: tuple[int, ...]
@@ -67,7 +67,7 @@ def write_behaviour_figure(blocks: Sequence[Block], lines: Sequence[PolicyLine],
     Args:
         blocks: Cells that are shown with paths and pictures.
         lines: All policies, for the panel of distances.
-        world: The one that simulation is compared with.
+        world: World that simulation is compared with.
         out: PNG, PDF or SVG.
     """
     heights = [2.4 * len(block.lines) + 0.3 for block in blocks] + [0.26 * len(lines) + 1.0]
@@ -84,7 +84,7 @@ def write_behaviour_figure(blocks: Sequence[Block], lines: Sequence[PolicyLine],
 
 
 def picked(start: Start, world: str, count: int = SHOWN) -> tuple[list[Array], list[float]]:
-    """Pictures of a trial at equal shares of its duration, first and last included.
+    """Decode pictures of a trial at equal shares of its duration, first and last included.
 
     Args:
         start: Trials from one start pose.
@@ -100,7 +100,7 @@ def picked(start: Start, world: str, count: int = SHOWN) -> tuple[list[Array], l
 
 
 def spread_starts(starts: Sequence[Start], count: int = SHOWN) -> list[Start]:
-    """Start poses of the first seed, as many of each quadrant, evenly over its poses."""
+    """Choose start poses of the first seed: equally many from each quadrant, spread evenly over its poses."""
     of_seed = [start for start in starts if start.seed == starts[0].seed]
     out = []
     quadrants = sorted({start.quadrant for start in of_seed})
@@ -112,7 +112,7 @@ def spread_starts(starts: Sequence[Start], count: int = SHOWN) -> list[Start]:
 
 
 def _draw_block(part: SubFigure, block: Block, world: str) -> None:
-    """One cell: per renderer the paths at the left, two strips at the right."""
+    """Draw one cell: for each renderer the paths at the left and two strips at the right."""
     part.suptitle(cell_name(block.lines[0].cell), fontsize=12, fontweight="bold")
     rows = part.subfigures(len(block.lines), 1, squeeze=False).ravel()
     limits = _limits([start for line in block.lines for start in spread_starts(line.starts)], world)
@@ -132,7 +132,7 @@ def _limits(starts: Sequence[Start], world: str) -> tuple[Array, Array]:
 
 
 def _draw_space(part: SubFigure, line: PolicyLine, world: str, limits: tuple[Array, Array]) -> None:
-    """Paths in space, the table below them."""
+    """Draw the paths in space, with the table below them."""
     axes: Axes3D = part.add_subplot(projection="3d", computed_zorder=False)
     starts = spread_starts(line.starts)
     _draw_paths(axes, starts, world, 3)
@@ -161,7 +161,7 @@ def _draw_top(part: SubFigure, line: PolicyLine, world: str, limits: tuple[Array
 
 
 def _draw_paths(axes: Axes, starts: Sequence[Start], world: str, dimensions: int) -> None:
-    """Paths of both worlds; the wide one shows on both sides of the narrow one where they agree."""
+    """Draw the paths of both worlds; where they agree, the wide line shows on both sides of the narrow one."""
     for name, width, order in ((SIM, 2.6, 3), (world, 0.9, 4)):
         for start in starts:
             trial = start.trials[name]
@@ -173,7 +173,7 @@ def _draw_paths(axes: Axes, starts: Sequence[Start], world: str, dimensions: int
 
 
 def _dress(axes: Axes3D, lower: Array, upper: Array) -> None:
-    """Equal scales, the table as a plane, few ticks in cm."""
+    """Set equal scales, draw the table as a plane, and set few ticks in cm."""
     axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
     axes.set_box_aspect(upper - lower, zoom=1.25)
     axes.view_init(elev=22, azim=-58)
@@ -192,7 +192,7 @@ def _dress(axes: Axes3D, lower: Array, upper: Array) -> None:
 
 
 def _draw_strips(part: SubFigure, line: PolicyLine, start: Start, distance_mm: float, world: str) -> None:
-    """What the camera saw in both worlds from one start pose."""
+    """Draw what the camera saw in both worlds from one start pose."""
     axes = part.subplots(2, SHOWN, gridspec_kw={"wspace": 0.02, "hspace": 0.02})
     for row, name in zip(axes, (SIM, world), strict=True):
         pictures, times = picked(start, name)
@@ -210,7 +210,7 @@ def _draw_strips(part: SubFigure, line: PolicyLine, start: Start, distance_mm: f
             **{"transform": row[-1].transAxes, "fontsize": 7, "color": "white", "ha": "right", "va": "top", **_box()},
         )
         row[0].set_ylabel(_words(name), color=_colour(name), fontsize=10, fontweight="bold")
-    # Outside the layout: texts as long as a strip would push its pictures apart. The title above keeps the room for both.
+    # The texts stay outside the layout: as long as a strip, they would push its pictures apart. The empty title keeps room.
     part.suptitle(" ", fontsize=11)
     above = {"va": "bottom", "in_layout": False}
     name = TITLES.get(line.cell.renderer, line.cell.renderer)
@@ -248,7 +248,7 @@ def _summary(line: PolicyLine, start: Start, distance_mm: float, world: str) -> 
 
 
 def _draw_distances(part: SubFigure, lines: Sequence[PolicyLine], world: str) -> None:
-    """Distances of all trials, one line per policy, medians as bars."""
+    """Draw the distances of all trials, one line per policy, medians as bars."""
     axes = part.subplots()
     rng = np.random.default_rng(0)
     for place, line in enumerate(lines):

@@ -1,7 +1,7 @@
-"""Non-rigid edits of one object: its mesh is deformed, its splats follow; measured for each binding and drawn.
+"""Non-rigid edits of one object: its mesh is deformed, its splats follow; the result is measured for each binding and drawn.
 
-The paper shows an edited toy bear without figures. Here every edit also has numbers: see `gsbridge.scene.edit_quality` for what
-they mean and why none of them is an error against reality.
+The paper shows an edited toy bear without numbers. Here every edit is also measured: see `gsbridge.scene.edit_quality` for what
+the numbers mean and why none of them is an error against reality.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ logger = logging.getLogger("gsbridge")
 
 COMPARED = ("soft", "games", "refined")
 CONTROL = "soft, centres only"
-"""See `gsbridge.scene.deform.shift_only`."""
+"""Control in which only the centres of soft splats follow the mesh; see `gsbridge.scene.deform.shift_only`."""
 
 REST = "undeformed"
 WHITE = 1.0
@@ -51,7 +51,7 @@ MOST_SPILL = 0.002
 
 
 def edits(front: float) -> dict[str, Deformation]:
-    """The edits by title, the undeformed object first.
+    """Make the edits, by title, the undeformed object first.
 
     Args:
         front: Direction from the object to the viewer, about z from +x, rad.
@@ -76,7 +76,7 @@ def write_editing(scene: str | Path, figure: str | Path, record: str | Path, set
     """Deform an object's mesh in several ways, measure how its splats follow, and draw them.
 
     The record holds for each binding and edit the figures of `EditQuality` over all held-out views; it is degraded where soft
-    splats show holes, gaps or spikes that they have not at rest.
+    splats show holes, gaps or spikes that they do not show at rest.
 
     Args:
         scene: Folder of the scene, with `align/`, `sfm/images/` and `splats/{binding}/binding.npz`.
@@ -95,7 +95,7 @@ def write_editing(scene: str | Path, figure: str | Path, record: str | Path, set
     looked = list(views.of("held_out")) or list(views)
     near, side = _nearest(looked, middle, settings.azimuth_deg), _nearest(looked, middle, settings.azimuth_deg - 110)
     deformations = edits(_azimuth(near, middle))
-    # All bindings of a scene are trained on one surface; each is deformed on its own all the same.
+    # All bindings of a scene share one surface, so the mesh of `soft` stands for all; the splats of each are deformed apart.
     division = divide(soft.faces, len(soft.vertices), DIVISIONS)
     colours = _photo_colours(soft, division, views)
     shapes = {name: deformed_vertices(soft, deformation) for name, deformation in deformations.items()}
@@ -140,7 +140,7 @@ def write_editing(scene: str | Path, figure: str | Path, record: str | Path, set
 
 
 def _reasons(soft: Mapping[str, EditQuality]) -> list[str]:
-    """Splats of the soft binding that do not follow an edit."""
+    """List the edits that the splats of the soft binding do not follow, with what shows."""
     rest = soft[REST]
     reasons = []
     for title, found in soft.items():
@@ -161,7 +161,7 @@ def _azimuth(view: View, middle: Array) -> float:
 
 
 def _nearest(views: Sequence[View], middle: Array, azimuth_deg: float) -> View:
-    """View whose direction is nearest to an azimuth."""
+    """Find the view whose direction from the object is nearest to an azimuth."""
 
     def away(view: View) -> float:
         return abs((_azimuth(view, middle) - np.radians(azimuth_deg) + np.pi) % (2 * np.pi) - np.pi)

@@ -48,7 +48,7 @@ class Column:
     Args:
         title: Name of the column.
         pictures: Pictures by line; see `WHOLE` and `DETAIL`.
-        quality: Figures by line; lines without figures are left out.
+        quality: Measures by line; lines without measures are left out.
     """
 
     title: str
@@ -57,7 +57,7 @@ class Column:
 
 
 def write_editing_figure(columns: Sequence[Column], photos: Mapping[str, Picture], out: str | Path) -> None:
-    """Draw all edits, the photos of the undeformed object in the first column.
+    """Draw all edits, with photos of the undeformed object in the first column.
 
     Args:
         columns: Edits, the undeformed object first.
@@ -115,7 +115,7 @@ def write_editing_figure(columns: Sequence[Column], photos: Mapping[str, Picture
 
 
 def summary(found: Sequence[EditQuality]) -> str:
-    """Figures at rest and in the worst edit, one per line; the rest is the first. Without figures, it is the reference."""
+    """Format the measures at rest (the first) and in the worst edit, one per line; none at all mark the reference."""
     if not found:
         return "reference\nof the PSNR"
     rest, edits = found[0], found[1:] or found
@@ -132,8 +132,8 @@ def summary(found: Sequence[EditQuality]) -> str:
 def detail_window(column: Column) -> tuple[int, int, int, int]:
     """Part of the picture where turning with the mesh matters most: left, top, width, height, px.
 
-    It is where soft splats differ most from those whose centres alone follow; on the rest mesh, which has no difference, the
-    middle.
+    It is where soft splats differ most from splats of which only the centres follow. On the rest mesh, where nothing differs,
+    it is the middle.
     """
     size = column.pictures["soft"].shape[0]
     edge = round(DETAIL_SHARE * size)

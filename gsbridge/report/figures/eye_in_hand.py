@@ -39,7 +39,7 @@ class Looked:
     """Pictures of one object on one background.
 
     Args:
-        item, background: Scenes.
+        item, background: Names of the scenes.
         drawn: Folder of `{index}_{renderer}.png`.
         photos: Folder of `{index}.png`.
     """
@@ -50,7 +50,7 @@ class Looked:
     photos: Path
 
     def views(self) -> list[dict[str, Array]]:
-        """One mapping from `photo` and the renderers to pictures per state. [H, W, 3] 0..1 each.
+        """Read one mapping per state, from `photo` and the renderers' names to pictures. [H, W, 3] 0..1 each.
 
         Raises:
             InputError: A picture is missing.

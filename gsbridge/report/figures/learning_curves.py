@@ -79,7 +79,7 @@ def write_learning_curves(curves: Sequence[str | Path], out: str | Path) -> None
 
 
 def _read(path: str | Path) -> list[Row]:
-    """Rows of a learning curve whose numbers are numbers."""
+    """Read the rows of a learning curve, and refuse cells that are no numbers."""
     rows = read_rows(path, CURVE_COLUMNS)
     try:
         for row in rows:

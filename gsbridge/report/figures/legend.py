@@ -16,7 +16,7 @@ def legend_above(figure: FigureBase, handles: Sequence[Artist], labels: Sequence
 
     Args:
         figure: Figure or subfigure with constrained layout.
-        handles: What is explained. [N].
+        handles: Artists that the legend explains. [N].
         labels: Words of the legend. [N].
         fontsize: Points.
     """

@@ -1,4 +1,4 @@
-"""Closing the loop: successes before, in the changed world, and after, with what the finding cost."""
+"""Closing the loop: successes before the world changed, in the changed world, and after training anew, with the cost."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ COLUMNS = (
     *("task", "object", "background", "variant", "world", "trials", "successes", "success_rate", "ci95_low", "ci95_high"),
     *("training_steps", "trainings", "successes_each"),
 )
-"""`training_steps`: mean environment steps that the policies learned from; `successes_each`: of each training, with blanks."""
+"""`training_steps`: mean environment steps that the policies learned from; `successes_each`: successes of each training,
+separated by blanks."""
 
 
 def loop_rows(
@@ -33,12 +34,12 @@ def loop_rows(
     trials: Sequence[str | Path],
     trainings: Sequence[str | Path],
 ) -> list[dict[str, Any]]:
-    """Success of each policy in each world.
+    """Make a row with the success of each policy in each world.
 
     Args:
         cell: Task, object, background, seed.
         plan: `variant` and `world` of each row.
-        trials: Trials of each row, of one training after the other.
+        trials: Tables of trials: those of the first row, one per training, then those of the next.
         trainings: `training.json` of all policies.
 
     Raises:
@@ -52,7 +53,7 @@ def loop_rows(
 
 
 def field_of(path: str | Path, name: str) -> Any:
-    """A field of a record."""
+    """Read a field of a record."""
     content = read_json(path)
     if name not in content:
         raise InputError(path, f"it has no '{name}'", "Run the rule that makes it again")
@@ -62,7 +63,7 @@ def field_of(path: str | Path, name: str) -> Any:
 def _row(
     cell: Mapping[str, Any], plan: Mapping[str, str], paths: Sequence[str | Path], steps: Mapping[str, Sequence[int]]
 ) -> dict[str, Any]:
-    """One way of learning in one world."""
+    """Make the row of one variant in one world."""
     judged = [read_trials(path).judged(plan["world"]) for path in paths]
     tallies = [(int(good.sum()), len(good)) for good in judged]
     good, tried = (sum(part) for part in zip(*tallies, strict=True))
@@ -83,11 +84,11 @@ def _row(
 
 
 def worth(rows: Sequence[Mapping[str, Any]], comparison: Mapping[str, Any]) -> str:
-    """What a diagnosis is worth beyond its controls, in one sentence.
+    """State what a diagnosis is worth beyond its controls, in one sentence.
 
     Args:
         rows: Rows of the table.
-        comparison: `world`, `variant` that learned with what was named, and its `controls`.
+        comparison: `world`, the `variant` that learned with what the diagnosis named, and its `controls`.
     """
     world, variant, controls = (comparison[key] for key in ("world", "variant", "controls"))
     found = {row["variant"]: row for row in rows if row["world"] == world}
@@ -98,7 +99,7 @@ def worth(rows: Sequence[Mapping[str, Any]], comparison: Mapping[str, Any]) -> s
             " trained, so that it is not known what the diagnosis is worth beyond what else might have helped."
         )
     best = max((found[name] for name in controls), key=lambda row: row["success_rate"])
-    # Different seeds: trainings of two ways of learning have nothing in common.
+    # Trainings of two variants have nothing in common, so the two sides are independent samples.
     low, high = lead_interval([_tallies(mine)], [_tallies(best)])
     return (
         f"In {world}, {mine['successes']} of {mine['trials']} trials succeed with what the diagnosis named ({variant},"
@@ -114,7 +115,7 @@ def _tallies(row: Mapping[str, Any]) -> list[tuple[int, int]]:
 
 
 def rows_table(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The rows as a table for people."""
+    """Lay out the rows as a table for people."""
     return Table(
         title=f"Closing the loop, {cell['task']}: {cell['object']} on {cell['background']}".replace("_", " "),
         columns=("policy", "world", "successes", "rate (95 %)", "learned from"),
@@ -136,7 +137,7 @@ def rows_table(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Ta
 
 
 def draw_rows(rows: Sequence[Mapping[str, Any]], out: str | Path) -> None:
-    """A bar and its interval for each row."""
+    """Draw a bar with its interval for each row."""
     figure, axis = plt.subplots(figsize=(7.0, 0.45 * len(rows) + 1.1), layout="constrained")
     rates = [row["success_rate"] for row in rows]
     errors = [
@@ -156,12 +157,12 @@ def draw_rows(rows: Sequence[Mapping[str, Any]], out: str | Path) -> None:
 
 @dataclass(frozen=True)
 class LoopFiles:
-    """What the table is made of.
+    """Files and plan that a loop's page is made of.
 
     Args:
         cell: Task, object, background, seed.
         plan: `variant` and `world` of each row.
-        trials: Trials of each row.
+        trials: Trials of each row, see `loop_rows`.
         trainings: `training.json` of the policies, before and after.
         logged: `trials.json` of the logged worlds.
         calibration: `calibration.json`.
@@ -185,7 +186,7 @@ def write_loop(files: LoopFiles, rows_csv: str | Path, page: str | Path, figure:
     """Write the rows, a page in Markdown and a figure.
 
     Args:
-        files: What they are made of.
+        files: Files and plan that they are made of.
         rows_csv: The rows.
         page: The page.
         figure: The picture.
@@ -220,7 +221,7 @@ def _told(findings: Mapping[str, Any]) -> str:
 def _write(
     files: LoopFiles | PictureLoopFiles, out: tuple[str | Path, ...], what: str, found: Sequence[str], price: Sequence[str]
 ) -> None:
-    """Rows, page and figure of one loop."""
+    """Write rows, page and figure of one loop."""
     rows_csv, page, figure = out
     rows = loop_rows(files.cell, files.plan, files.trials, files.trainings)
     write_rows(rows_csv, COLUMNS, rows)
@@ -243,7 +244,7 @@ def _write(
 
 
 def _price(files: LoopFiles, calibration: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Records, simulations and minutes."""
+    """State what the loop cost: records, simulations and minutes."""
     logged = [trial for path in files.logged for trial in field_of(path, "trials")]
     failed = sum(not trial["success"] for trial in logged)
     seconds = sum(trial["seconds"] for trial in logged)
@@ -263,13 +264,13 @@ def _price(files: LoopFiles, calibration: Mapping[str, Any], findings: Sequence[
 
 @dataclass(frozen=True)
 class PictureLoopFiles:
-    """What the table is made of.
+    """Files and plan that a loop's page is made of.
 
     Args:
         cell: Task, object, background, seed.
         plan: `variant` and `world` of each row.
         worlds: Photographed worlds; the first is the reference.
-        trials: Trials of each row.
+        trials: Trials of each row, see `loop_rows`.
         trainings: `training.json` of the policies.
         photos: Records of the photos of each world.
         findings: `findings.json` of each world.
@@ -290,7 +291,7 @@ def write_picture_loop(files: PictureLoopFiles, rows_csv: str | Path, page: str 
     """Write the rows, a page in Markdown and a figure.
 
     Args:
-        files: What they are made of.
+        files: Files and plan that they are made of.
         rows_csv: The rows.
         page: The page.
         figure: The picture.
@@ -304,7 +305,7 @@ def write_picture_loop(files: PictureLoopFiles, rows_csv: str | Path, page: str 
 
 
 def _photo_price(files: PictureLoopFiles, found: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Photos, pictures and minutes."""
+    """State what the loop cost: photos, expected photos and minutes."""
     counts = [int(field_of(path, "views")) for path in files.photos]
     out = [f"- {counts[0]} photos on the first day; later {', '.join(f'{n} in {w}' for w, n in _later(files, counts))}."]
     out += [

@@ -17,7 +17,7 @@ _PAPER, _DARK, _LIGHT = (246, 248, 250), (40, 66, 84), (214, 228, 236)
 
 
 def draw_sides(mesh: Mesh, size: int) -> Array:
-    """All sides beside one another, at one scale.
+    """Draw all sides beside one another, at one scale.
 
     Args:
         mesh: Table frame, m.
@@ -42,11 +42,11 @@ def _pose(middle: Array, distance: float, azimuth_deg: float, height_deg: float)
 
 
 def _shaded(mesh: Mesh, camera: Camera, pose: Array) -> Array:
-    """The mesh lit from the eye's upper left, on light paper. [H, W, 3] uint8."""
+    """Draw the mesh, lit from the eye's upper left, on light paper. [H, W, 3] uint8."""
     depth = mesh_depth(mesh.vertices, mesh.faces, camera, pose).astype(np.float64)
     inside = np.isfinite(depth)
     points = camera.pixel_rays() * np.where(inside, depth, 0.0)[..., None]
-    # Normals of the picture, not of the faces: what is not closed, or turned inside out, shows as it is seen.
+    # Normals come from the depth picture, not from the faces, so that open or inside-out surfaces look as they are seen.
     across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
     normal = np.cross(down, across)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)

@@ -18,9 +18,9 @@ from gsbridge.report.figures.trial_films import HOLD_S, INK, LOST, PAPER, RUNNIN
 from gsbridge.report.tables.result_paths import CellPaths
 
 EVERY = 2
-"""States per picture of the film: 10 a second."""
+"""States of a trial per picture of the film, which shows 10 pictures a second."""
 WIDTH, HEIGHT, WRIST = 400, 300, 104
-"""Picture of the onlooker and edge of the wrist camera's, which lies in its corner, px."""
+"""Width and height of the onlooker's picture, and edge of the wrist camera's picture in its corner, px."""
 GAP, BORDER, HEAD, TEXT = 10, 3, 40, 22
 MOST_BYTES = 900_000
 SUBTITLE = "from beside the table, drawn from splats (stand and outer ground: plain); in the corner, what the policy saw"
@@ -32,7 +32,7 @@ def write_onlooker_film(cell: CellPaths, files: Sequence[ShownTrials], scene: St
     Args:
         cell: What the policy learned.
         files: Trials of the policy; one world or several, the same for all seeds.
-        scene: Splats of object, table and robot; every world is drawn with them, since they show where things stood, and the
+        scene: Splats of object, table and robot. Every world is drawn with them, because the film shows where things stood; the
             corner shows what the camera of that world saw.
         out: WebP, in real time; the frame tells the outcome once a trial has ended.
 
@@ -69,8 +69,10 @@ def write_onlooker_film(cell: CellPaths, files: Sequence[ShownTrials], scene: St
 
 
 def told_starts(starts: Sequence[Start]) -> list[Start]:
-    """The start that every world managed soonest, and the first of the failures; two successes, the second the slowest, where
-    nothing failed, and two failures where nothing succeeded."""
+    """Choose two starts: the one at which every world succeeded soonest, and the first failure.
+
+    Where nothing failed, the second is the slowest success; where nothing succeeded, both are failures.
+    """
     won = sorted(
         (start for start in starts if start.succeeded()), key=lambda start: max(t.seconds for t in start.trials.values())
     )
@@ -79,11 +81,11 @@ def told_starts(starts: Sequence[Start]) -> list[Start]:
 
 
 def trial_tile(trial: Tried, pictures: Sequence[Array], moment: int) -> Array:
-    """One trial's picture at a moment of the film, in its frame. uint8 [H, W, 3].
+    """Draw one trial's picture at a moment of the film, in its frame. uint8 [H, W, 3].
 
     Args:
-        trial: What happened.
-        pictures: What the onlooker saw of it, every `EVERY`th state and the last. [HEIGHT, WIDTH, 3] uint8 each.
+        trial: The trial.
+        pictures: What the onlooker saw of the trial, every `EVERY`th state and the last. [HEIGHT, WIDTH, 3] uint8 each.
         moment: Number of the film's picture; the last one stays when the trial is over.
     """
     last = len(pictures) - 1

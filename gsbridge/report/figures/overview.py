@@ -31,9 +31,9 @@ from gsbridge.statistics import wilson_interval
 GAP, HEAD, FOOT = 12, 40, 30
 """Room between panels, line above and line below them, px."""
 SHOWN_S, ORBIT_PICTURES, HOLD_S = 4.0, 40, 1.5
-"""How long film and orbit last each, pictures of the orbit, and how long the end of a trial stays."""
+"""Duration of film and of orbit, s each; number of pictures of the orbit; how long the end of a trial stays, s."""
 LAST_S = 3.5
-"""How long the counts stay at the end."""
+"""How long the counts stay at the end, s."""
 MOST_BYTES, MOST_PICTURE_BYTES = 2_000_000, 300_000
 
 MIRROR_NOTE = "mirror: gsbridge's path-traced stand-in for reality"
@@ -65,7 +65,7 @@ class FilmedScene:
         """Read all registered views.
 
         Raises:
-            InputError: There is none.
+            InputError: There is no view.
         """
         found = read_views(self.views, self.images)
         if not len(found):
@@ -76,13 +76,13 @@ class FilmedScene:
 def write_overview(
     cell: CellPaths, trials: Sequence[ShownTrials], scene: StageFiles, films: Mapping[str, FilmedScene], out: Mapping[str, str]
 ) -> None:
-    """Write picture and clip.
+    """Write the picture and the clip.
 
     Args:
         cell: What the policy learned.
         trials: Trials of the policy; one world or two, the same for all seeds.
         scene: Splats of object, table and robot.
-        films: `item` and `background`.
+        films: Films of `item` (the object) and `background` (the table).
         out: `picture`, a JPEG, and `clip`, a WebP.
 
     Raises:
@@ -116,7 +116,7 @@ def write_overview(
 
 
 def _filmed(scene: StageFiles, films: Mapping[str, FilmedScene], pose: tuple[float, float, float]) -> list[list[Panel]]:
-    """Film of object and table side by side, then the object's film beside its splats on the table, seen in an orbit."""
+    """Make pairs of panels: films of object and table, then the object's film beside an orbit round its splats on the table."""
     shown = {name: film.read() for name, film in films.items()}
     count = max(len(views) for views in shown.values())
     pairs = []
@@ -131,12 +131,12 @@ def _filmed(scene: StageFiles, films: Mapping[str, FilmedScene], pose: tuple[flo
     rest = [pairs[number * count // len(orbit)][0] for number in range(len(orbit))]
     label = "object on table, as splats: nothing here is a photo"
     drawn = [[film, (picture, label)] for film, picture in zip(rest, orbit, strict=True)]
-    # As many pictures of both halves, so that each lasts as long.
+    # Both halves have the same number of pictures, so that they last equally long.
     return [pairs[number * count // len(orbit)] for number in range(len(orbit))] + drawn
 
 
 def _orbit(scene: StageFiles, start: tuple[float, float, float]) -> list[Array]:
-    """The object at a start pose on the table, x, y, m, and yaw, rad, from an eye that goes half round it."""
+    """Draw the object at a start pose (x, y, m, and yaw, rad) on the table, from an eye that moves half round it."""
     item, table = read_asset(scene.item), read_asset(scene.background)
     camera = Camera(WIDTH, HEIGHT, 1.05 * WIDTH, 1.05 * WIDTH, WIDTH / 2, HEIGHT / 2)
     renderer = GaussianRenderer(item.cloud(), table.cloud(), {}, camera, surface=table.mesh(), backdrop=ROOM, oversampling=1)
@@ -154,7 +154,7 @@ def _orbit(scene: StageFiles, start: tuple[float, float, float]) -> list[Array]:
 
 
 def _played(view: OnlookerView, start: Start) -> list[list[Panel]]:
-    """A start in each world, moment by moment."""
+    """Make the panels of a start in each world, moment by moment."""
     drawn = {world: view.pictures(trial.path, EVERY) for world, trial in start.trials.items()}
     out = []
     for moment in range(max(len(pictures) for pictures in drawn.values())):
@@ -168,7 +168,7 @@ def _played(view: OnlookerView, start: Start) -> list[list[Panel]]:
 
 
 def _counted(starts: Sequence[Start]) -> Array:
-    """Successes by set of start poses and world, with their intervals. [HEIGHT, WIDTH, 3]."""
+    """Draw successes by set of start poses and world, with their intervals. uint8 [HEIGHT, WIDTH, 3]."""
     image = Image.new("RGB", (WIDTH, HEIGHT), PAPER)
     draw = ImageDraw.Draw(image)
     sets = list(dict.fromkeys(start.pose_set for start in starts))
@@ -198,7 +198,7 @@ def _named(world: str) -> str:
 
 
 def _page(panels: Sequence[Panel], head: str, title: str) -> Array:
-    """Panels, two beside each other, with a line above all and one below each. [H, W, 3] uint8."""
+    """Lay out panels in rows of two, with a line of text above all and one below each. [H, W, 3] uint8."""
     lines = -(-len(panels) // 2)
     size = (GAP + 2 * (WIDTH + GAP), HEAD + lines * (HEIGHT + FOOT))
     canvas = Image.new("RGB", size, PAPER)
@@ -213,7 +213,7 @@ def _page(panels: Sequence[Panel], head: str, title: str) -> Array:
 
 
 def _fitted(picture: Array) -> Array:
-    """A photo, cut to the shape of a panel. uint8 [HEIGHT, WIDTH, 3]."""
+    """Scale and cut a photo to the shape of a panel. uint8 [HEIGHT, WIDTH, 3]."""
     scale = max(WIDTH / picture.shape[1], HEIGHT / picture.shape[0])
     size = (max(WIDTH, round(scale * picture.shape[1])), max(HEIGHT, round(scale * picture.shape[0])))
     large = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
@@ -222,7 +222,7 @@ def _fitted(picture: Array) -> Array:
 
 
 def _write_picture(picture: Array, out: str | Path) -> None:
-    """JPEG, as good as its limit of bytes lets it be."""
+    """Write a JPEG of the highest quality that keeps to `MOST_PICTURE_BYTES`; of the lowest one where none does."""
     for quality in (90, 80, 70, 60):
         memory = io.BytesIO()
         Image.fromarray(picture).save(memory, "JPEG", quality=quality, optimize=True)

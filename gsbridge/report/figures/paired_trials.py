@@ -17,7 +17,7 @@ from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row, read_rows
 
 COLUMNS = ("pose_set", "index", "quadrant", "x", "y", "yaw", "success", "success_tolerant", "failure", "steps")
-"""What is read of a table of trials."""
+"""Columns that are read from a table of trials."""
 
 SIM = "sim"
 STEP_S = 0.05
@@ -50,7 +50,7 @@ class Tried:
     Args:
         success: Success as the tables count it: excess contact is a failure in simulation only.
         failure: Word of `gsbridge.tasks.outcome.Failure`; empty for a success.
-        path: What happened.
+        path: Path, forces and pictures of the trial.
     """
 
     success: bool
@@ -59,16 +59,16 @@ class Tried:
 
     @property
     def seconds(self) -> float:
-        """Until the end of the episode."""
+        """Time until the end of the episode, s."""
         return STEP_S * (len(self.path) - 1)
 
     def outcome(self) -> str:
-        """`success` or the reason why not, in words."""
+        """State the outcome in words: `success` or the reason of the failure."""
         return "success" if self.success else self.failure.replace("_", " ")
 
     @cached_property
     def hand(self) -> Array:
-        """Path of the tool point as far as it is finite: a world that broke down ends in none. [N, 3], m."""
+        """Path of the tool point without states that are not finite, with which a diverged simulation ends. [N, 3], m."""
         tool = np.asarray(self.path.tool, dtype=np.float64)
         return tool[np.isfinite(tool).all(axis=1)]
 
@@ -79,7 +79,7 @@ class Start:
 
     Args:
         seed: Seed of the policy.
-        pose_set: `fixed` or `unseen`.
+        pose_set: `fixed`, `unseen` or `outside`.
         index: Number of the pose in its set.
         quadrant: 1 to 4.
         pose: x, y, m, and yaw, rad, of the object. [3].
@@ -103,7 +103,7 @@ class Start:
         return all(trial.success for trial in self.trials.values())
 
     def distance_mm(self, world: str) -> float:
-        """Distance of the hand's paths in simulation and in another world, mm (`gsbridge.report.figures.path_distance`)."""
+        """Distance of the hand's paths in simulation and in a world, mm; see `gsbridge.report.figures.path_distance`."""
         return 1e3 * path_distance(self.trials[SIM].hand, self.trials[world].hand)
 
 
@@ -144,7 +144,7 @@ def read_starts(files: Sequence[ShownTrials]) -> list[Start]:
         files: All worlds and seeds. Every seed has the same worlds, every world the same start poses.
 
     Returns:
-        In the order of the seeds and of the first world's table.
+        Starts in the order of the seeds and of the first world's table.
 
     Raises:
         InputError: A file is missing or damaged, a table and its log or two worlds do not fit together, or there is no trial.
@@ -166,7 +166,7 @@ def read_starts(files: Sequence[ShownTrials]) -> list[Start]:
 
 
 def failures_first(starts: Sequence[Start]) -> list[Start]:
-    """Failures outside simulation first, then those in simulation alone, then successes; otherwise in the given order."""
+    """Sort failures outside simulation first, then those in simulation alone, then successes; otherwise in the given order."""
 
     def rank(start: Start) -> int:
         elsewhere = all(trial.success for world, trial in start.trials.items() if world != SIM)
@@ -176,7 +176,7 @@ def failures_first(starts: Sequence[Start]) -> list[Start]:
 
 
 def _read(file: ShownTrials) -> dict[tuple[str, int], tuple[Row, Tried]]:
-    """Row and trial by pose set and index."""
+    """Read row and trial of each start pose, by pose set and index."""
     rows, paths = read_rows(file.table, COLUMNS), read_trial_log(file.log)
     known = {(path.pose_set, path.index): path for path in paths}
     out = {}
@@ -199,7 +199,7 @@ def _check_same(one: Mapping, two: Mapping, file: ShownTrials, other: ShownTrial
     def start(row: Row) -> Array:
         return np.array([float(row[name]) for name in ("x", "y", "yaw")])
 
-    # The tables hold six digits.
+    # Tables hold six digits, so that equal poses may differ by rounding.
     same = one.keys() == two.keys() and all(np.abs(start(one[key][0]) - start(two[key][0])).max() < 1e-5 for key in one)
     if not same:
         raise InputError(

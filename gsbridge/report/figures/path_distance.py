@@ -3,11 +3,12 @@
 Both paths are cut into pieces of the same length, so that a hand that waits counts no more than one that passes, and are then
 laid on one another by dynamic time warping: each point of one path is matched with at least one of the other, in order, such
 that the mean distance of the matched points is smallest. That mean, in the paths' unit, is the distance. A step along both
-paths weighs twice as much as a step along one: every piece of either path has the same say, whatever is matched with it.
+paths weighs twice as much as a step along one, so that every piece of either path has the same weight.
 
-It is symmetric, zero for two runs along the same curve at any speed, and the offset of two straight paths side by side. Where
-one path ends early or goes somewhere else, what it misses is matched with the nearest point of it that keeps the order: of two
-straight paths of lengths L > l from the same point, the distance is (L - l)^2 / (2 (L + l)).
+The distance is symmetric, zero for two runs along the same curve at any speed, and the offset of two straight paths side by
+side. Where one path ends early or goes somewhere else, what it misses of the other is matched with its nearest point that keeps
+the order. For two paths from the same point along the same straight line, of lengths L > l, the distance is
+(L - l)^2 / (2 (L + l)).
 
 Source: Sakoe and Chiba, Dynamic programming algorithm optimization for spoken word recognition, 1978 (symmetric form, no slope
 constraint).
@@ -24,14 +25,14 @@ SPACING = 0.003
 
 
 def resample(path: Array, spacing: float = SPACING) -> Array:
-    """Points at equal distances along a path; its first alone where it is shorter than half of one.
+    """Resample a path at equal distances; a path shorter than half of `spacing` becomes its first point.
 
     Args:
         path: Points of the path, m, N >= 1. [N, D].
         spacing: Distance along the path, m, rounded so that it divides the length.
 
     Returns:
-        [M, D]; first and last point are the path's own where there are several.
+        Points, m, [M, D]; where M > 1, the first and the last are the path's own.
 
     Raises:
         ValueError: The path is empty or not finite.
@@ -40,7 +41,7 @@ def resample(path: Array, spacing: float = SPACING) -> Array:
     if path.ndim != 2 or len(path) == 0 or not np.isfinite(path).all():
         raise ValueError(f"a path of the shape {path.shape} is empty or not finite")
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    # Points that repeat have no length of their own, and the interpolation wants growing ones.
+    # Drop repeated points: the interpolation needs strictly increasing lengths along the path.
     path, steps = path[np.concatenate([[True], steps > 0])], steps[steps > 0]
     along = np.concatenate([[0.0], np.cumsum(steps)])
     pieces = round(along[-1] / spacing)
@@ -56,13 +57,13 @@ def warped_distance(one: Array, two: Array) -> float:
         two: Points of the second path. [M, D].
 
     Returns:
-        In the unit of the points.
+        The distance, in the unit of the points.
     """
     apart = np.linalg.norm(np.asarray(one)[:, None] - np.asarray(two)[None], axis=-1)
     rows, columns = apart.shape
     cost = np.full((rows + 1, columns + 1), np.inf)
     cost[0, 0] = 0.0
-    # Along a diagonal no entry needs another of the same: whole diagonals at once.
+    # The entries of an antidiagonal do not depend on each other, so each one is computed at once.
     for diagonal in range(rows + columns - 1):
         i = np.arange(max(0, diagonal - columns + 1), min(rows, diagonal + 1))
         j = diagonal - i

@@ -1,4 +1,4 @@
-"""Pictures for print and for the page."""
+"""The figure that compares photos with renderings of each binding, for print and for the page."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TITLES = {
     "unbound": "unbound",
 }
 AMPLIFIED = 5.0
-"""Factor of the difference pictures."""
+"""Factor by which the difference pictures are amplified."""
 GREY = 0.5
 """Grey level behind objects, 0..1: it shows dark and light halos alike."""
 ASPECT = 4 / 3
@@ -61,7 +61,7 @@ class ComparedScene:
 
 
 def compared_scene(folder: str | Path, bindings: Sequence[str] = SHOWN) -> ComparedScene:
-    """The files of a scene, from its folder `scenes/{scene}`; bindings that were not trained are left out."""
+    """Find the files of a scene in its folder `scenes/{scene}`; bindings that were not trained are left out."""
     scene = Path(folder)
     masks = scene / "masks" / "images"
     splats = {binding: scene / "splats" / binding / "splats.ply" for binding in bindings}

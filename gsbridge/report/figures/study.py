@@ -16,17 +16,17 @@ from gsbridge.report.tables.statistics import lead_interval, mean_interval, mean
 from gsbridge.report.tables.success_rows import read_trials, tallies_in, tallies_text
 
 IMITATION = ("bc", "dagger")
-"""Ways of learning that only imitate."""
+"""Algorithms that only imitate the controller."""
 
 EXACT = "exact"
-"""The teacher that is right (`teacher_name`)."""
+"""Name of the controller without an offset, the right teacher; see `teacher_name`."""
 
 COLUMNS = (
     *("task", "object", "background", "variant", "algo", "teacher", "seeds", "steps", "trials", "successes"),
     *("success_rate", "ci95_low", "ci95_high", "seed_low", "seed_high", "controller_success_rate", "cpu_min", "by_training"),
 )
-"""`seed_low`, `seed_high`: smallest and largest rate of a single seed. `controller_success_rate`: of the controller that the
-variant learned from, on the trainings' own start poses; empty for `sac`. `cpu_min`: mean CPU minutes of a training."""
+"""`seed_low`, `seed_high`: smallest and largest rate of a single seed. `controller_success_rate`: success of the controller
+that the variant learned from, on the trainings' own start poses; empty for `sac`. `cpu_min`: mean CPU minutes of a training."""
 
 
 def write_study(trainings: Sequence[str | Path], trials: Sequence[str | Path], rows_csv: str | Path, page: str | Path) -> None:
@@ -47,7 +47,7 @@ def write_study(trainings: Sequence[str | Path], trials: Sequence[str | Path], r
         groups.setdefault(cell, []).append(_policy(training, table, seed_of(rest[0], training)))
     rows = [_row(cell, policies) for cell, policies in groups.items()]
     steps = {row["steps"] for row in rows}
-    # A training ends with the episode in which its steps are full.
+    # A training ends with the episode in which it reaches its steps, so that the numbers differ slightly.
     if max(steps) > 1.05 * min(steps):
         raise InputError(
             rows_csv, f"the policies had {min(steps)} to {max(steps)} steps", "Give all variants of the study stop_after: 0"
@@ -75,7 +75,7 @@ def _policy(training: str | Path, table: str | Path, seed: int) -> dict[str, Any
 
 
 def _row(cell: CellPaths, policies: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Row of one variant: the seeds' trials counted together."""
+    """Make the row of one variant, counting the trials of all seeds together."""
     count = sum(policy["trials"] for policy in policies)
     good = sum(policy["successes"] for policy in policies)
     rates = [policy["successes"] / policy["trials"] for policy in policies]
@@ -102,7 +102,7 @@ def _row(cell: CellPaths, policies: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def verdict(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Whether SACwB beats the better of two imitations, with the right teacher and with the wrong ones; in a sentence each."""
+    """State whether SACwB beats the better of two imitations, in a sentence each for the right teacher and the wrong ones."""
     said = []
     for wrong in (False, True):
         taught = [pair for teacher, pair in rivals(rows).items() if (teacher != EXACT) == wrong]
@@ -119,7 +119,7 @@ def verdict(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def rivals(rows: Sequence[Mapping[str, Any]]) -> dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]]:
-    """Rows of SACwB and of the better imitation, by teacher, of teachers from which all three learned."""
+    """Pair the rows of SACwB and of the better imitation, by teacher; only teachers from which all three learned count."""
     taught: dict[str, dict[str, Mapping[str, Any]]] = {}
     for row in rows:
         taught.setdefault(row["teacher"], {})[row["algo"]] = row

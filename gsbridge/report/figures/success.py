@@ -52,7 +52,7 @@ def write_success_figure(rows_csv: Sequence[str | Path], out: str | Path) -> Non
     axes[0, 0].set_yticks(range(len(cells)), [cell_title(cell) + trained_on(cell.renderer) for cell in cells])
     axes[0, 0].invert_yaxis()
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    # Lines come before containers in matplotlib's own order; ours come first here.
+    # matplotlib lists lines, the paper's marks, before error bars, which are ours; ours come first here.
     order = sorted(range(len(labels)), key=lambda index: labels[index].startswith("paper"))
     handles, labels = [handles[index] for index in order], [labels[index] for index in order]
     legend_above(figure, handles, labels)

@@ -20,9 +20,9 @@ from gsbridge.report.tables.result_paths import CellPaths
 
 MOST_FAILURES = 4
 EVERY = 2
-"""States per picture of the film: 10 a second."""
+"""States of a trial per picture of the film, which shows 10 pictures a second."""
 HOLD_S = 2.0
-"""How long the last picture stays before the film begins anew."""
+"""How long the last picture stays before the film begins anew, s."""
 SIDE, GAP, BORDER, TEXT, HEAD = 148, 10, 3, 36, 40
 """Edge of a picture, room between trials, frame, lines below a trial and title above all, px."""
 MOST_BYTES = 2_000_000
@@ -54,16 +54,16 @@ def write_trial_film(cell: CellPaths, files: Sequence[ShownTrials], out: str | P
 
 
 def write_film(frames: Sequence[Array], durations: Sequence[int], out: str | Path, most_bytes: int) -> None:
-    """Write an animated picture that begins anew at its end.
+    """Write an animated picture that repeats without end.
 
     Args:
         frames: uint8 [H, W, 3] each.
-        durations: How long each of them stays, ms.
+        durations: How long each frame stays, ms.
         out: WebP.
-        most_bytes: Largest size; the best of `QUALITIES` that keeps it is taken.
+        most_bytes: Largest size, bytes; the best of `QUALITIES` that keeps to it is taken.
 
     Raises:
-        InputError: It is larger at the lowest quality.
+        InputError: The film is larger than that at the lowest quality.
     """
     first, *rest = (Image.fromarray(frame) for frame in frames)
     for quality in QUALITIES:
@@ -81,7 +81,7 @@ def write_film(frames: Sequence[Array], durations: Sequence[int], out: str | Pat
 
 
 def chosen_starts(starts: Sequence[Start]) -> list[Start]:
-    """Failures, at most `MOST_FAILURES` and of as many quadrants as there are, then a success of each quadrant."""
+    """Choose at most `MOST_FAILURES` failures, from as many quadrants as possible, then a success of each quadrant."""
     ordered = failures_first(starts)
     failures = [start for start in ordered if not start.succeeded()]
     first_of_quadrant = _one_of_each_quadrant(failures)
@@ -91,7 +91,7 @@ def chosen_starts(starts: Sequence[Start]) -> list[Start]:
 
 
 def _one_of_each_quadrant(starts: Sequence[Start]) -> list[Start]:
-    """The middle one of those of each quadrant: no choice by how it looks."""
+    """Choose the middle start of each quadrant, so that no start is chosen by its looks."""
     out = []
     for quadrant in sorted({start.quadrant for start in starts}):
         here = [start for start in starts if start.quadrant == quadrant]
@@ -100,11 +100,11 @@ def _one_of_each_quadrant(starts: Sequence[Start]) -> list[Start]:
 
 
 def film_frames(starts: Sequence[Start], title: str, subtitle: str) -> list[Array]:
-    """Pictures of the film. uint8 [H, W, 3] each.
+    """Draw the pictures of the film. uint8 [H, W, 3] each.
 
     Args:
-        starts: What is shown, line by line.
-        title, subtitle: Above all.
+        starts: Starts that are shown, line by line.
+        title, subtitle: Texts above all trials.
     """
     worlds = len(starts[0].trials)
     columns = min(len(starts), 2 if worlds > 1 else 4)
@@ -135,7 +135,7 @@ def film_frames(starts: Sequence[Start], title: str, subtitle: str) -> list[Arra
 
 
 def _tile(trial: Tried, world: str, state: int) -> Array:
-    """One world's picture in its frame."""
+    """Draw one world's picture in its frame."""
     last = len(trial.path) - 1
     picture = decode(trial.path.jpegs[min(state, last)])
     out = np.empty((SIDE + 2 * BORDER, SIDE + 2 * BORDER, 3), np.uint8)
@@ -152,7 +152,7 @@ def _tile(trial: Tried, world: str, state: int) -> Array:
 
 
 def _write_caption(draw: ImageDraw.ImageDraw, start: Start, left: int, top: int) -> None:
-    """Start and outcome, below a trial."""
+    """Write start and outcome below a trial."""
     x, y, yaw = start.pose
     where = f"{start.label}, quadrant {start.quadrant}: x {100 * x:.0f} cm, y {100 * y:.0f} cm, {np.degrees(yaw):.0f}°"
     draw.text((left + BORDER, top), where, fill=SOFT, font=label_font(11))
@@ -163,18 +163,18 @@ def _write_caption(draw: ImageDraw.ImageDraw, start: Start, left: int, top: int)
 
 
 def _rates(starts: Sequence[Start], cell: CellPaths) -> str:
-    """Successes of all trials, beside how the policy was trained."""
+    """State how the policy was trained, and the successes of all trials."""
     counts = {world: sum(start.trials[world].success for start in starts) for world in starts[0].trials}
     trained = TITLES.get(cell.renderer, cell.renderer)
     rates = ", ".join(f"{count} of {len(starts)} in {world.replace('_', ' ')}" for world, count in counts.items())
     way = "" if cell.variant == "default" else f", variant {cell.variant}"
-    # Only where there is a failure to come first.
+    # Say that failures come first only if there are any.
     order = "Failures first." if any(not start.succeeded() for start in starts) else "One start of each quadrant."
     return f"trained on {trained}{way}; success: {rates}. {order}"
 
 
 def label_font(size: int) -> ImageFont.FreeTypeFont:
-    """Pillow's own font: the same on every machine."""
+    """Load Pillow's own font, which is the same on every machine."""
     font = ImageFont.load_default(size)
     assert isinstance(font, ImageFont.FreeTypeFont)
     return font

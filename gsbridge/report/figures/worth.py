@@ -1,4 +1,4 @@
-"""Success against severity by what a policy's training saw, and success of graded policies there against simulation."""
+"""Figures of success against severity by renderer, and of graded policies' success in each world against simulation."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ _WAYS = {"default": "varied colours", "no_jitter": "colours as they are"}
 
 
 def write_worth_figure(rows_csv: str | Path, out: str | Path) -> None:
-    """Draw mean success over the cells against the worlds, with 95 % intervals; a panel for each way of learning and group of
-    start poses.
+    """Draw mean success over the cells against the worlds' severity, with 95 % intervals.
+
+    There is a panel for each variant and group of start poses.
 
     Args:
         rows_csv: `rows/worth.csv`.
@@ -59,14 +60,14 @@ def write_worth_figure(rows_csv: str | Path, out: str | Path) -> None:
         line[0].set_ylabel(f"success / %\n{title}")
     for axis, variant in zip(axes[0], variants, strict=True):
         axis.set_title(_WAYS.get(variant, variant), fontsize=10)
-    # A panel without one of the renderers would leave it out of the legend.
+    # A single panel may lack a renderer, so the legend is collected over all panels.
     shown = {label: handle for axis in axes.flat for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
     legend_above(figure, list(shown.values()), list(shown))
     _save(figure, out)
 
 
 def _draw(axis: Axes, tallies: Tallies, worlds: Mapping[str, tuple[str, str]], variant: str) -> None:
-    """Success of one way of learning, a line for each renderer."""
+    """Draw the success of one variant, a line for each renderer."""
     names = [name for name in TITLES if any(key[:2] == (name, variant) for key in tallies)]
     for number, name in enumerate(names):
         found = [(place, tallies[key]) for place, world in enumerate(worlds) if (key := (name, variant, world)) in tallies]
@@ -74,7 +75,7 @@ def _draw(axis: Axes, tallies: Tallies, worlds: Mapping[str, tuple[str, str]], v
         places = [place + 0.08 * (number - (len(names) - 1) / 2) for place, _ in found]
         rates = [100 * mean_rate(cells.values()) for _, cells in found]
         between = [mean_interval(cells.values()) for _, cells in found]
-        # An interval is of redrawn trials, and need not hold the rate to the last bit.
+        # The interval comes from redrawn trials, so that rounding may leave the rate just outside it.
         below = [max(0.0, rate - 100 * low) for rate, (low, _) in zip(rates, between, strict=True)]
         above = [max(0.0, 100 * high - rate) for rate, (_, high) in zip(rates, between, strict=True)]
         axis.errorbar(
