@@ -6,8 +6,8 @@ that the mean distance of the matched points is smallest. That mean, in the path
 paths weighs twice as much as a step along one, so that every piece of either path has the same weight.
 
 The distance is symmetric, zero for two runs along the same curve at any speed, and the offset of two straight paths side by
-side. Where one path ends early or goes somewhere else, what it misses of the other is matched with its nearest point that keeps
-the order. For two paths from the same point along the same straight line, of lengths L > l, the distance is
+side. Where one path ends early or goes somewhere else, the part of the other that it misses is matched with its nearest point
+that keeps the order. For two paths from the same point along the same straight line, of lengths L > l, the distance is
 (L - l)^2 / (2 (L + l)).
 
 Source: Sakoe and Chiba, Dynamic programming algorithm optimization for spoken word recognition, 1978 (symmetric form, no slope

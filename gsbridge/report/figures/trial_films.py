@@ -63,7 +63,7 @@ def write_film(frames: Sequence[Array], durations: Sequence[int], out: str | Pat
         most_bytes: Largest size, bytes; the best of `QUALITIES` that keeps to it is taken.
 
     Raises:
-        InputError: The film is larger than that at the lowest quality.
+        InputError: The film is larger than `most_bytes` even at the lowest quality.
     """
     first, *rest = (Image.fromarray(frame) for frame in frames)
     for quality in QUALITIES:

@@ -1,4 +1,4 @@
-"""Figures of a gap report: residuals before and after on the same axes, the gap of each channel, the map of where it shows."""
+"""Figures of a gap report: residuals before and after on the same axes, the gap of each channel, the map of residuals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BEFORE, AFTER, NOISE = "#c2660c", "#1f6f8b", "#8a96a3"
 """Colours of the model as it was, of the explanation, and of the noise, on all figures."""
 
 SHOWN = 3
-"""Channels whose residuals are drawn over time: those with the largest gap."""
+"""Number of channels whose residuals are drawn over time: those with the largest gap."""
 
 ROWS = 14
 """Most channels in the map and in the figure of all channels; those with the largest gap are shown."""
@@ -229,7 +229,7 @@ def _cell(axis: Any, x: float, y: float, value: float, marked: bool, norm: LogNo
 
 
 PATHS = 6
-"""Throws whose paths are drawn."""
+"""Number of throws whose paths are drawn."""
 
 MEASURED = "#1d2733"
 

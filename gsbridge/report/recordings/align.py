@@ -74,7 +74,7 @@ def record_align(
 
 
 def _log_plane(stream: rr.RecordingStream, reach: float) -> None:
-    """Log a see-through square at z = 0, m, and a grid of 10 cm on it."""
+    """Log a see-through square at z = 0 of half edge `reach`, m, and a grid of 10 cm on it."""
     corners = np.array([[-reach, -reach, 0], [reach, -reach, 0], [reach, reach, 0], [-reach, reach, 0]])
     stream.log(
         "table/plane",

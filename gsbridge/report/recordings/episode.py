@@ -138,7 +138,7 @@ def _layout() -> rrb.Container:
 
 
 def _log_cloud(stream: rr.RecordingStream, entity: str, cloud: Cloud) -> None:
-    """Splats of a body in its frame, and their centres."""
+    """Log the splats of a body in its frame, and their centres."""
     rgba = np.rint(np.c_[np.clip(cloud.colours, 0, 1), cloud.opacities] * 255).astype(np.uint8)
     stream.log(
         f"{entity}/splats",
@@ -150,7 +150,7 @@ def _log_cloud(stream: rr.RecordingStream, entity: str, cloud: Cloud) -> None:
 
 
 def _log_series(stream: rr.RecordingStream) -> None:
-    """Names and colours of the curves."""
+    """Log the names and colours of the curves."""
     forces = [name.replace("_", " ") for name in FORCES]
     stream.log("plots/actions", rr.SeriesLines(names=list(ACTIONS), colors=AXES), static=True)
     stream.log("plots/forces", rr.SeriesLines(names=forces, colors=FORCE_COLOURS), static=True)
@@ -166,7 +166,7 @@ def _log_bodies(stream: rr.RecordingStream, episode: Episode, step: int, links: 
 
 
 def _log_picture(stream: rr.RecordingStream, entity: str, image: Array) -> None:
-    """A picture as PNG: JPEG would blur the few pixels there are. uint8 [H, W, 3]."""
+    """Log a picture as PNG, because JPEG would blur the few pixels there are. uint8 [H, W, 3]."""
     packed = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1]
     stream.log(entity, rr.EncodedImage(contents=packed.tobytes(), media_type="image/png"))
 
@@ -175,7 +175,7 @@ def _photos(folder: str | Path, count: int) -> dict[int, Path]:
     """Find the photos, by step.
 
     Raises:
-        InputError: There is none, or one of a step that the episode does not have.
+        InputError: There is no photo, or one of a step that the episode does not have.
     """
     paths = sorted(Path(folder).glob("*.png"))
     found = {int(path.stem): path for path in paths if path.stem.isdigit() and int(path.stem) < count}

@@ -26,7 +26,7 @@ FRAMES_PER_S = 25.0
 """Poses drawn per second; curves keep every sample."""
 
 VISIBLE_RAD = 0.25
-"""Size to which the largest deviation is enlarged, about, rad or m: a milliradian would not be visible."""
+"""Approximate size to which the largest deviation is enlarged, rad or m: a milliradian would not be visible."""
 
 
 def record_gap(
@@ -78,7 +78,7 @@ def record_gap(
 
 
 def enlargement(positions: dict[str, Array]) -> float:
-    """Factor by which deviations are enlarged, of one digit, at least 1. Positions by way, rad or m, [T, N] each."""
+    """Factor by which deviations are enlarged: one digit, at least 1. Positions by way, rad or m, [T, N] each."""
     largest = max(
         (float(np.abs(np.nan_to_num(q - positions["measured"])).max()) for way, q in positions.items() if way != "measured"),
         default=0.0,

@@ -1,4 +1,4 @@
-"""Recording of a case of the gap about pictures: earlier, later and expected photos side by side, and what is apart."""
+"""Recording of a case of the gap about pictures: earlier, later and expected photos side by side, and maps of deviations."""
 
 from __future__ import annotations
 

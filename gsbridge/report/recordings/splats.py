@@ -68,7 +68,7 @@ def record_splats(splats_ply: str | Path, splats_json: str | Path, views_dir: st
 
 
 def _log_curve(stream: rr.RecordingStream, record: dict, source: str | Path) -> None:
-    """Loss and PSNR over the training steps."""
+    """Log loss and PSNR over the training steps."""
     try:
         rows = [(int(row[0]), row[1], row[2]) for row in record["curve"]]
     except (KeyError, TypeError, ValueError, IndexError) as error:

@@ -124,7 +124,7 @@ def _layout(worlds: Sequence[str]) -> rrb.Container:
 
 
 def _log_series(stream: rr.RecordingStream, worlds: Sequence[str]) -> None:
-    """Names and colours of the curves."""
+    """Log the names and colours of the curves."""
     forces = [name.replace("_", " ") for name in FORCES]
     for world in worlds:
         stream.log(f"plots/actions/{world}", rr.SeriesLines(names=list(ACTIONS), colors=AXES), static=True)

@@ -239,8 +239,7 @@ def study_figures(rows: Sequence[Row]) -> dict[str, Figure]:
         rows: Rows of `study.csv`.
 
     Returns:
-        `study_lead_min`: smallest lead over the controller that SACwB learned from, over all controllers, the exact one
-            included;
+        `study_lead_min`: smallest lead over the controller that SACwB learned from, the exact controller included;
         `study_imitation_good` and `study_imitation_biased`: lead over the better of behaviour cloning and DAgger that learned
         from the same controller, for the exact controller and as the mean over the biased ones.
     """

@@ -1,9 +1,9 @@
 """Figures of the areas `severity` and `worth`, gathered from rows under the names of `floors.yaml`.
 
-A figure that cannot be formed from what is there is left out, and the `score` rule then counts it as unmet. Its name ends with
-the severity, which is the same for look and physics. `n` is the number of trials behind a figure, of both sides together for a
-lead; `cells` is the number of cells, `seeds` the fewest trainings of any cell, `trials` the fewest trials of any training.
-Unless a name says `outside`, both sets of start poses inside the training square count together.
+A figure that cannot be formed from what is there is left out, and the `score` rule then counts it as unmet. The name of a
+figure ends with the severity, which is the same for look and physics. `n` is the number of trials behind a figure, of both
+sides together for a lead; `cells` is the number of cells, `seeds` the fewest trainings of any cell, `trials` the fewest trials
+of any training. Unless a name says `outside`, both sets of start poses inside the training square count together.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ LEVEL = 0.05
 
 
 def measures(rows: Rows) -> list[str]:
-    """List the measures of how sure a method is that it states for every one of its answers."""
+    """List the measures of sureness that a method states for every one of its answers."""
     answers = [set(row["sureness"]) for row in rows if row["sureness"]]
     return sorted(set.intersection(*answers)) if answers else []
 

@@ -58,7 +58,7 @@ PAPER_NOTE = (
 
 
 def paper_values(scene: str, binding: str, origin: str) -> PaperValues | None:
-    """Look up the paper's values for a scene; None for real captures, because the paper does not show our scenes.
+    """Look up the paper's values for a scene; None where it has none, and for real captures, which it does not show.
 
     Args:
         scene: Scene name, for example `banana`.
