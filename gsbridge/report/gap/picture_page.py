@@ -25,11 +25,11 @@ from gsbridge.report.gap.text import advice, effect_notes, effect_rows, head, pl
 from gsbridge.report.pages.html import write_page
 
 _FULL = 6.0
-"""Deviations that are drawn as white."""
+"""Deviation that is drawn as white, in units of the noise."""
 
 _TITLES = ("earlier photo", "later photo", "as expected", "apart before", "apart after")
 _DRAWN = ("as drawn, corrected", "photo", "as expected", "apart before", "apart after")
-"""Titles where photos are held against drawn pictures."""
+"""Titles of the columns where photos are compared with drawn pictures."""
 
 
 def write_picture_report(case: str, findings: str | Path, pictures: str | Path, out: str | Path) -> None:
@@ -66,12 +66,12 @@ def write_picture_report(case: str, findings: str | Path, pictures: str | Path, 
 
 
 def _is_drawn(found: Mapping[str, Any]) -> bool:
-    """Whether photos were held against drawn pictures."""
+    """Whether photos were compared with drawn pictures."""
     return "model_error" in found
 
 
 def _lack(found: Mapping[str, Any]) -> str:
-    """What drawn pictures lack, in a sentence."""
+    """State how far drawn pictures differ from photos; empty text where photos were compared with photos."""
     if not _is_drawn(found):
         return ""
     rms = {name: f"{100 * value:.1f} %" for name, value in found["model_error"]["rms"].items()}
@@ -90,7 +90,7 @@ def _read(path: str | Path) -> dict[str, Array]:
 
 
 def _numbers(found: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Gap before and after, share closed, chance."""
+    """Make the figures at the top: gap before and after, share closed, p-value."""
     checked = found["verify"]
     before = checked["before"] if checked else found["select"]["before"]
     where = "on views not fitted" if checked else "on the views of select"
@@ -105,7 +105,7 @@ def _numbers(found: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def _steps(found: Mapping[str, Any]) -> list[str]:
-    """What to do now."""
+    """Advise what to do now, by verdict."""
     verdict = found["verdict"]
     if verdict == "named":
         names = {item["name"] for item in found["effects"]}
@@ -155,7 +155,7 @@ def _provenance(found: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _draw(shown: Mapping[str, Array], explained: bool, names: Sequence[str]) -> str:
-    """Photos of some views, a row each, and what is apart. A data URI.
+    """Draw photos of some views, a row each, beside maps of their deviations, as a data URI.
 
     Args:
         shown: Pictures, as `_read` gives them.

@@ -20,7 +20,7 @@ from gsbridge.report.pages.html import write_page
 from gsbridge.report.pages.photo_pictures import jpeg_uri, masked_photo
 
 PHOTOS = 8
-"""Photos on the page, evenly over the capture."""
+"""Number of photos on the page, spread evenly over the capture."""
 _LONGEST, _SIDE = 420, 300
 
 STAGES = (
@@ -86,7 +86,7 @@ def write_scene_page(scene: str, folder: str | Path, out: str | Path) -> None:
 
 
 def _worst(lines: Sequence[StageLine]) -> str:
-    """What a whole page is headed with."""
+    """Status of the whole page: `not made` if no stage ran, `degraded` if any is, otherwise `pass`."""
     if all(line.status == "not made" for line in lines):
         return "not made"
     return "degraded" if any(line.status == "degraded" for line in lines) else "pass"
@@ -97,8 +97,8 @@ def _upright_box(path: Path, record: dict[str, Any]) -> list[float]:
 
     Args:
         path: The mesh.
-        record: The mesh stage's, whose extents along the table's axes are taken where there is no mesh; of a table's surface,
-            which has no height, always.
+        record: Record of the mesh stage. Its extents along the table's axes are taken where there is no mesh, and always for
+            a background, which has no height.
     """
     extents = [float(value) for value in record.get("visual", {}).get("extents", [])]
     if record.get("kind") == "background":
@@ -111,7 +111,7 @@ def _upright_box(path: Path, record: dict[str, Any]) -> list[float]:
 
 
 def _line(name: str, record: dict[str, Any] | None, advice: str, known: bool, sides: Sequence[float]) -> StageLine:
-    """What a stage's record comes to; `known`: lengths are metres, those of the mesh in `sides`."""
+    """Make the line of a stage from its record; `known`: lengths are metres; `sides`: lengths of the mesh's box."""
     if record is None:
         return StageLine(name, "not made", "", (), "")
     reasons = tuple(str(reason) for reason in record.get("reasons", []))
@@ -120,7 +120,7 @@ def _line(name: str, record: dict[str, Any] | None, advice: str, known: bool, si
 
 
 def _figures(record: dict[str, Any], known: bool, sides: Sequence[float]) -> str:
-    """The figures of a stage that a person asks for first; without a scale lengths are shares of the longest."""
+    """State the main figures of a stage; without a known scale, lengths are shares of the longest."""
     said = []
     if "frames" in record:
         said.append(f"{len(record['frames'])} keyframes")
@@ -145,7 +145,7 @@ def _figures(record: dict[str, Any], known: bool, sides: Sequence[float]) -> str
 
 
 def _chosen(items: Sequence[Path], count: int) -> list[Path]:
-    """Some of the items, evenly."""
+    """Choose at most `count` of the items, spread evenly."""
     return (
         [items[i] for i in np.unique(np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int))]
         if items
@@ -154,7 +154,7 @@ def _chosen(items: Sequence[Path], count: int) -> list[Path]:
 
 
 def _photos(base: Path) -> list[ScenePicture]:
-    """Photos with their masks."""
+    """Draw photos with their masks."""
     found = sorted((base / "sfm/images").glob("*.png"))
     out = []
     for path in _chosen(found, PHOTOS):
@@ -164,7 +164,7 @@ def _photos(base: Path) -> list[ScenePicture]:
 
 
 def _sides(base: Path) -> list[ScenePicture]:
-    """Both meshes from all sides."""
+    """Draw both meshes from all sides."""
     titles = {"visual": "Surface that the splats hang on", "collision": "Collision mesh: what touches and is touched"}
     paths = {title: base / f"mesh/{name}.ply" for name, title in titles.items()}
     return [
