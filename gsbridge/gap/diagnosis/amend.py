@@ -1,4 +1,4 @@
-"""Amended models: the user's model file with the named effects and the evidence for them, and the simulation's."""
+"""Amended models: the user's model file with the named effects and their evidence, and the model of the simulation."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from gsbridge.sim.model import parse_model
 
 
 def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
-    """Write a copy of a model file with what `findings` names; without a name it is a plain copy.
+    """Write a copy of a model file with the effects that `findings` names, if any, and the evidence.
 
     Args:
         model: The model file that was diagnosed.
         findings: Content of `findings.json`.
-        out: The amended model; a URDF's path is made relative to it.
+        out: The amended model; the path of a URDF or MJCF is made relative to it.
 
     Raises:
         InputError: The model cannot be read.
@@ -55,11 +55,11 @@ def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path)
 
 
 def ordered(content: dict[str, Any], source: str | Path) -> dict[str, Any]:
-    """Content of the simulation's model with its effects in the order arm, object, camera.
+    """Return the content of a simulation model with its effects in the order arm, object, camera.
 
     Args:
         content: Content of the model's file.
-        source: Where it comes from, for messages.
+        source: Where the content comes from, for error messages.
 
     Raises:
         InputError: The simulation cannot play an effect, or a figure is out of its range.
@@ -70,12 +70,12 @@ def ordered(content: dict[str, Any], source: str | Path) -> dict[str, Any]:
 
 
 def write_amended(out: str | Path, content: Mapping[str, Any], head: Sequence[str]) -> None:
-    """Write an amended model below what it rests on.
+    """Write an amended model with comment lines at its top that say what it is based on.
 
     Args:
-        out: The model.
-        content: What it holds.
-        head: Lines of its head.
+        out: The file to write.
+        content: Content of the model.
+        head: The comment lines, without `#`.
     """
     text = "".join(f"# {line}\n" for line in head)
     text += yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None, width=128)

@@ -1,4 +1,4 @@
-"""What a diagnosis asks of whatever was measured: joints, thrown bodies and pictures answer it, each by its own statistics."""
+"""Interface of a diagnosis; joints, thrown bodies and pictures implement it, each with its own statistics."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from gsbridge.geometry import Array
 
 
 class Backend(Protocol):
-    """A checked case of one kind, and what the stages do with it."""
+    """A checked case of one kind, with one method for each stage."""
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """A case from its file, checked.
+        """Read a case from its file and check it.
 
         Raises:
-            InputError: Something in it cannot be used.
+            InputError: Something in the case cannot be used.
         """
 
     @classmethod
     def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> Self:
-        """Make a case again from what `save` and `about` have left.
+        """Load a case from the results of `save` and `about`.
 
         Args:
             model: File of the model.
             data: File that `save` wrote (`.npz`).
-            about: What `about` gave, read from `records.json`.
+            about: The return value of `about`, read back from `records.json`.
 
         Raises:
             InputError: A file is missing or damaged.
@@ -44,19 +44,22 @@ class Backend(Protocol):
         """Write the measurements (`.npz`)."""
 
     def about(self) -> dict[str, Any]:
-        """Content of `records.json`; `mode` tells the kind of case."""
+        """Return the content of `records.json`; its `mode` is the kind of case."""
 
     def compare(self) -> dict[str, Any]:
-        """Content of `comparison.json`: residuals of the model as it is, and where they show."""
+        """Return the content of `comparison.json`: residuals of the model as it is, and where they show."""
 
     def screen(self, bank: str | Path) -> dict[str, Any]:
-        """Content of `screen.json`: which effects show, and which have similar signatures, before any fit. Fills the bank."""
+        """Fill the bank, and return the content of `screen.json`.
+
+        It says which effects show in the records and which effects have similar signatures, before any fit.
+        """
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
-        """Content of `findings.json`: what is missing, proven on `verify`."""
+        """Return the content of `findings.json`: what is missing, tested on `verify`."""
 
     def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
-        """Write the model with what was found.
+        """Write the model with the effects that were found.
 
         Args:
             model: File of the model.
@@ -65,7 +68,7 @@ class Backend(Protocol):
         """
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Measurements and replays before and after, as arrays, and the content of `replays.json` about them."""
+        """Return the measurements and the replays without and with `effects` as arrays, and the content of `replays.json`."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ class CaseBackend:
     """Parts that all backends share.
 
     Args:
-        case: A checked case with its `model`, the `names` of effects that may be the reason, and `reasons`.
+        case: A checked case with its `model`, the `names` of effects to consider (None for all), and `reasons`.
     """
 
     case: Any
@@ -86,13 +89,13 @@ class CaseBackend:
     def described(
         self, digest: str, mode: str, parts: Mapping[str, Mapping[str, Any]], joints: Sequence[str] = (), **figures: Any
     ) -> dict[str, Any]:
-        """Content of `records.json`.
+        """Return the content of `records.json`.
 
         Args:
             digest: SHA-256 of all that a simulation depends on.
             mode: Kind of case, or how a mechanism is driven.
-            parts: What a person wants to know about what was measured, by role.
-            joints: Joints of a mechanism.
+            parts: Summary of the measurements for a reader, by role.
+            joints: Names of a mechanism's joints.
             figures: Further entries.
         """
         names = self.case.names
@@ -100,7 +103,7 @@ class CaseBackend:
         return {**about, "effects": None if names is None else list(names), "records": dict(parts)}
 
     def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
-        """Write the model with what was named and the evidence for it.
+        """Write the model with the named effects and the evidence for them.
 
         Args:
             model: File of the model.
@@ -111,12 +114,12 @@ class CaseBackend:
 
 
 def stored_names(about: Mapping[str, Any]) -> tuple[str, ...] | None:
-    """Effects that may be the reason, as `described` has stored them."""
+    """Return the effects to consider, as `CaseBackend.described` stored them; None for all."""
     return None if about["effects"] is None else tuple(about["effects"])
 
 
 def best_effects(findings: Mapping[str, Any]) -> tuple[Applied, ...]:
-    """All effects of the account, whether named or not; of the best explanation where there is no account."""
+    """Return all effects of the account, named or not; without an account, those of the best explanation."""
     account = findings.get("account")
     return tuple(
         Applied(item["name"], item["joint"] or "", {name: row["value"] for name, row in item["parameters"].items()})

@@ -1,4 +1,4 @@
-"""How much of a gap an explanation closes, as far as noise tells."""
+"""How much of a gap an explanation closes, with the noise taken into account."""
 
 from __future__ import annotations
 
@@ -7,39 +7,40 @@ import numpy as np
 from gsbridge.geometry import Array
 
 _LENGTHS = (1, 16)
-"""Samples of the blocks over which a closure is judged."""
+"""Lengths, in samples, of the blocks over which a closure is judged."""
 
 _MOMENTS = 25
-"""Parts of a record among which those are sought in which something else happened."""
+"""Number of equal parts into which a record is split to find those in which something else happened."""
 
 _LEFT_OUT = 5
-"""Largest number of those parts that are left out."""
+"""How many of those parts, the ones with the largest residual, are ignored."""
 
 _SHOWN = 0.5
-"""Share of a gap's squares that must show in motion if motion alone is to tell a closure."""
+"""Share of a gap's squares that must lie in the moving samples before a closure may be judged from motion alone."""
 
 _STRETCHES = 3
-"""Stretches of motion, each as long as the longest block, that tell a closure: there and back, and once more."""
+"""Stretches of motion that suffice to judge a closure (there, back, once more); each lasts a longest block or more."""
 
 _ALLOWED = 0.02
-"""Share of a gap's squares that may be left to noise where a closure is judged."""
+"""Largest share of a gap's squares that may be attributed to chance in the noise when a closure is judged."""
 
 
 def block_means(residual: Array, scale: int) -> Array:
-    """Means over blocks, times the root of their length, so that white noise keeps its size. [T, C] -> [T // scale, C]."""
+    """Average over blocks, times the root of the block length so that white noise keeps its size. [T, C] -> [T // scale, C]."""
     rows = len(residual) // scale
     return residual[: rows * scale].reshape(rows, scale, -1).sum(axis=1) / np.sqrt(scale)
 
 
 def closed(before: Array, after: Array, share: float) -> float:
-    """Share of a gap that is closed: of the samples themselves and, if the gap is slow, of means over blocks, the lesser one.
+    """Return the share of a gap that is closed, the smaller of two: over samples and, if the gap is slow, over block means.
 
-    One spread of the noise's squares is allowed, which hides that a large gap is closed; of a small gap it is much. Means have
-    less noise, so that they show what is left of a slow motion where the samples hide it.
+    One standard deviation of the noise's sum of squares, but at most `_ALLOWED` of the gap's squares, is attributed to chance.
+    Otherwise noise would hide that a large gap is closed. Block means have less noise than samples, so they show a slow
+    residual that the noise of the samples hides.
 
     Args:
         before: Whitened residual without the explanation. [T, C].
-        after: With it. [T, C].
+        after: Whitened residual with it. [T, C].
         share: Mean square of noise alone.
     """
     out: list[float] = []
@@ -57,11 +58,11 @@ def closed(before: Array, after: Array, share: float) -> float:
 
 
 def closed_at_most_times(before: Array, after: Array, share: float) -> float:
-    """`closed`, ignoring the fifth of the record in which most is left: an arm that touched something, a push.
+    """Return `closed`, ignoring the fifth of the record with the largest residual (contacts, pushes), if that is larger.
 
     Args:
         before: Whitened residual without the explanation. [T, C].
-        after: With it. [T, C].
+        after: Whitened residual with it. [T, C].
         share: Mean square of noise alone.
     """
     length = len(after) // _MOMENTS
@@ -75,19 +76,19 @@ def closed_at_most_times(before: Array, after: Array, share: float) -> float:
 
 
 def closed_beside_rest(before: Array, after: Array, share: float, rests: Array, echoes: Array | None = None) -> float:
-    """`closed`, or the same over the motion alone, if an explanation leaves no more at rest than there was without it.
+    """Return `closed`, or the larger value over motion alone if the explanation does not increase the residual at rest.
 
-    Between two bounds, the law of dry friction says nothing about the force that holds a resting joint, and real joints creep
-    there. The place from which the next motion begins is therefore uncertain, too, until the controller has corrected it. The
-    motion decides however long a record rests, provided that it has several stretches and shows most of the gap; an effect
-    that acts at rest alone is not hidden by this.
+    The law of dry friction only bounds the force that holds a resting joint, and real joints creep at rest. The position from
+    which the next motion starts is therefore uncertain, too, until the controller has corrected it. Motion alone may decide,
+    however long a record rests, if it has several stretches and contains most of the gap; so the closure of an effect that
+    acts only at rest is still judged at rest.
 
     Args:
         before: Whitened residual without the explanation. [T, C].
-        after: With it. [T, C].
+        after: Whitened residual with it. [T, C].
         share: Mean square of noise alone.
-        rests: Samples in which friction of the explanation holds something. [T].
-        echoes: Samples after a rest in which the controller still corrects the place; None for no such samples. [T].
+        rests: Samples in which friction of the explanation holds a joint. [T] bool.
+        echoes: Samples after a rest in which the controller still corrects the position; None for no such samples. [T] bool.
     """
     whole = closed(before, after, share)
     if not rests.any() or (after[rests] ** 2).sum() > (before[rests] ** 2).sum():
@@ -97,17 +98,17 @@ def closed_beside_rest(before: Array, after: Array, share: float, rests: Array, 
 
 
 def stretches(mask: Array) -> Array:
-    """First sample of each run of true samples, and the one behind its last. [T] bool -> [runs, 2]."""
+    """Return the first sample of each run of true samples and the one after its last. [T] bool -> [runs, 2]."""
     return np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0)).reshape(-1, 2)
 
 
 def _tells(before: Array, share: float, kept: Array) -> bool:
-    """Whether samples hold most of a gap, in several stretches of which each is long enough to be judged. [T, C], [T]."""
+    """Whether the samples `kept` contain most of a gap and several stretches that are long enough to be judged. [T, C], [T]."""
     long = np.diff(stretches(kept)) >= _LENGTHS[-1]
     beyond = (before.astype(np.float64) ** 2 - share).sum(axis=1)
     return int(long.sum()) >= _STRETCHES and float(beyond[kept].sum()) >= _SHOWN * float(beyond.sum())
 
 
 def beyond_noise(chi2: float, floor: float) -> float:
-    """Length of a residual beyond the noise, from its chi squared and that of a perfect model."""
+    """Return the norm of a residual beyond the noise, from its chi squared and that of a perfect model (`floor`)."""
     return float(np.sqrt(max(chi2 - floor, 0.0)))

@@ -1,4 +1,4 @@
-"""What a diagnosis says: its result in one layout and one sentence, whatever was measured."""
+"""The result of a diagnosis in one layout and one sentence, for any kind of case."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from gsbridge.gap.diagnosis.results import (
 from gsbridge.geometry import Array
 
 _LISTED = 5
-"""Rivals that a sentence names."""
+"""Largest number of rivals or entries that a sentence names."""
 
 _NINETY = 1.645
-"""Standard deviations either side of a 90 % interval."""
+"""Half width of a 90 % interval, in standard deviations."""
 
 _SIMILAR = 0.95
-"""Cosine of two signatures from which on a fit can hardly tell their effects apart."""
+"""Cosine of two signatures at or above which a fit can hardly tell their effects apart."""
 
 
 def _account_runs(diagnosis: Diagnosis) -> dict[str, int]:
-    """Simulations of an account, where there is one."""
+    """Return the number of simulations of an account, if there is one."""
     return {} if diagnosis.account is None else {"account": diagnosis.account_runs}
 
 
@@ -45,19 +45,19 @@ class Diagnosis:
 
     Args:
         finding: Verdict and hypotheses.
-        verification: On `verify`, where something was fitted.
+        verification: Result on `verify`; None if nothing was fitted.
         floor: Noise of each channel of `select`, SI units.
-        bank_runs: Simulations of the bank, whether made now or read.
-        runs: Simulations of this case beside it, to name what is missing and to judge that.
+        bank_runs: Simulations of the bank, whether run now or read from its folder.
+        runs: Simulations of this case to name what is missing and to judge the name; without the bank and the account.
         seconds: Time that the whole diagnosis took, s.
-        intervals: 90 % intervals of the best hypothesis' parameters, by effect, where its deviations do not tell them.
-        figures: What the model's own figures were and become with these effects, by effect and parameter, where it has such.
-        residual_map: Size of the gap in each phase before and after, where a case has phases.
-        account: All effects that explain a part of the gap, where a case is told so; `verification` is of all of them then.
-        warnings: What a reader must know before the figures.
-        account_runs: Simulations for the account, beside those.
-        instead: What is told instead of the best effects, where something else explains as much; empty otherwise.
-        left_out: Begin and end of moments that do not count, s, by role.
+        intervals: 90 % intervals of the best hypothesis' parameters, by effect, if they do not follow from its deviations.
+        figures: Old and new value of the model's own figures, by effect and parameter, if it has such figures.
+        residual_map: Size of the gap before and after in each phase, if the case has phases.
+        account: All effects that explain a part of the gap, if there is an account; `verification` then covers all of them.
+        warnings: What a reader must know before reading the figures.
+        account_runs: Simulations for the account.
+        instead: Sentence that replaces the best effects if something else explains as much; empty otherwise.
+        left_out: Start and end of the moments that are left out of the comparison, s, by role.
     """
 
     finding: Finding
@@ -77,9 +77,9 @@ class Diagnosis:
 
     @property
     def effects(self) -> tuple[Applied, ...]:
-        """What may be added to the model: what was named, or the whole account, if it makes `verify` no worse.
+        """Effects to add to the model: the named ones or the whole account, if they do not make `verify` worse.
 
-        An account without a name must close a good part of the gap there: little may be anything.
+        An account without a name must close at least `TRANSFERS` of the gap there: a small share could come from anything.
         """
         verdict, account = self.finding.verdict, self.account
         if self.verification is None or not self.verification.accepted or self.finding.best is None:
@@ -102,17 +102,17 @@ class Measured(Protocol):
 
 
 class Account:
-    """Puts the findings of one kind of case into words and figures.
+    """Turns the findings of one kind of case into words and figures.
 
     Attributes:
-        effects: What may be named.
+        effects: Catalogue of the effects that may be named.
         unit: Unit of the gap.
-        scale: Factor from the diagnosis' own unit to that one.
-        measured: What was measured, in the plural.
-        others: What nothing was fitted to.
-        agree: Sentence where nothing is missing; `{p}` is the p-value.
-        alone: Sentence where a difference shows on `select` alone.
-        unexcited: Sentence where most effects could not show.
+        scale: Factor from the diagnosis' own unit to `unit`.
+        measured: Word for the measurements, in the plural.
+        others: Phrase for the held-out measurements.
+        agree: Sentence for the case that nothing is missing; `{p}` is the p-value.
+        alone: Sentence for a difference that shows only on `select`.
+        unexcited: Sentence for records in which most effects could not show.
     """
 
     effects: ClassVar[Registry[Any]]
@@ -129,14 +129,14 @@ class Account:
     def findings_of(
         self, diagnosis: Diagnosis, parts: Mapping[str, Measured], *, seed: int, reasons: Collection[str] = (), **counts: Any
     ) -> dict[str, Any]:
-        """Content of `findings.json`.
+        """Return the content of `findings.json`.
 
         Args:
             diagnosis: The diagnosis.
-            parts: What was measured, by role.
-            seed: Seed of replicates.
+            parts: The measurements, by role.
+            seed: Random seed of the noise replicates.
             reasons: Why the result is degraded.
-            counts: Further entries about what was measured.
+            counts: Further entries about the measurements.
         """
         finding, scale = diagnosis.finding, self.scale
         reasons = [*reasons, *self.doubts(diagnosis)]
@@ -177,11 +177,11 @@ class Account:
         }
 
     def doubts(self, diagnosis: Diagnosis) -> tuple[str, ...]:
-        """Why a finding is less than an answer, beside what is known of the measurements."""
+        """Return further reasons why the result is degraded, those that come from the diagnosis itself."""
         return (diagnosis.instead,) if diagnosis.instead else ()
 
     def _verified(self, checked: Verification | None) -> dict[str, Any] | None:
-        """What `verify` says about the best explanation."""
+        """Return the entry `verify` of the findings: how the best explanation does on that record."""
         if checked is None:
             return None
         tested = checked.p_remaining is not None
@@ -197,7 +197,7 @@ class Account:
         }
 
     def describe(self, diagnosis: Diagnosis) -> list[dict[str, Any]]:
-        """Effects with units and 90 % intervals: the best hypothesis', or where nothing is named all of the account."""
+        """Return effects with units and 90 % intervals: the account's if nothing is named, else the best hypothesis'."""
         best, account = diagnosis.finding.best, diagnosis.account
         if best is None:
             return []
@@ -216,7 +216,7 @@ class Account:
         spans: Mapping[str, tuple[float, float]],
         figures: Mapping[str, tuple[float, float]] | None = None,
     ) -> dict[str, Any]:
-        """One effect with units, 90 % intervals, and what the model's own figures were and become."""
+        """Return one effect with units, 90 % intervals, and the old and new values of the model's own figures."""
         rows: dict[str, dict[str, Any]] = {}
         for parameter in effect.parameters:
             row = {"value": applied.parameters[parameter.name], "unit": self.unit_of(parameter)}
@@ -231,7 +231,7 @@ class Account:
         return {**about, "parameters": rows, **advice}
 
     def _account(self, diagnosis: Diagnosis, account: GapAccount) -> dict[str, Any]:
-        """An account, line by line, and what remains."""
+        """Return the entries of an account, and what remains."""
         return {
             "entries": [
                 {
@@ -253,20 +253,20 @@ class Account:
         }
 
     def _entry(self, entry: AccountEntry) -> dict[str, Any]:
-        """The effect of a line of an account."""
+        """Return the effect of an entry of an account, as `_described` lays it out."""
         spans = entry.spans or _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
         return self._described(entry.candidate.effect, entry.effect, spans, entry.figures)
 
     def effects_of(self, fit: Any) -> list[Effect]:
-        """Entries of the catalogue for the effects of a fit."""
+        """Return the catalogue's entries for the effects of a fit."""
         return [self.effects[applied.name] for applied in fit.effects]
 
     def unit_of(self, parameter: Parameter) -> str:
-        """Unit of a parameter as findings have it."""
+        """Return the unit in which findings state a parameter."""
         return parameter.unit
 
     def sentence(self, diagnosis: Diagnosis) -> str:
-        """The finding in words."""
+        """Return the finding as a sentence."""
         finding = diagnosis.finding
         if diagnosis.instead:
             return diagnosis.instead
@@ -304,7 +304,7 @@ class Account:
         return parts + tail + (", but something remains" if finding.something_remains else "") + "."
 
     def _closest(self, account: GapAccount) -> str:
-        """What comes nearest where nothing can be named, what it leaves, and what to do next."""
+        """Return the sentences for an account without a name: the closest effects, what they leave, and what to do next."""
         first = account.entries[0]
         lines = [self._line(entry) for entry in account.entries[:_LISTED] if entry is first or abs(entry.share) >= 0.005]
         more = f" and {len(account.entries) - len(lines)} more" if len(account.entries) > len(lines) else ""
@@ -322,31 +322,31 @@ class Account:
         )
 
     def _line(self, entry: AccountEntry) -> str:
-        """An entry in a sentence, with its sizes."""
+        """Return an entry as part of a sentence, with its parameters and its share."""
         figures = _figures(self._entry(entry)["parameters"])
         where = f"{entry.effect.joint}: " if entry.effect.joint else ""
         return f"{where}{entry.candidate.effect.title} ({figures}; {100 * entry.share:.0f} %)"
 
     def leaves(self, diagnosis: Diagnosis) -> str:
-        """Sentence on what the nearest explanation leaves, where nothing can be named."""
+        """Return the words for what the best explanation leaves when nothing can be named."""
         return f"leaves {diagnosis.finding.after:.3g} times the noise of {diagnosis.finding.before:.3g}"
 
     def lacks(self, item: Mapping[str, Any]) -> str:
-        """One effect that the model lacks, with its figures; an entry of `describe`."""
+        """Return the words for one effect that the model lacks (`item` is an entry of `describe`), with its figures."""
         figures = _figures(item["parameters"])
         who = f"The model of joint '{item['joint']}'" if item["joint"] else "The model"
         return f"{who} lacks {item['title']} ({figures})"
 
     def change(self, checked: Verification) -> str:
-        """Sentence on how the gap changes on `verify`."""
+        """Return the words for how the gap changes on `verify`."""
         verb = "falls" if checked.after <= checked.before else "rises"
         return f"the gap {verb} from {checked.before:.3g} to {checked.after:.3g} times the noise on a record it has not seen"
 
 
 def _by_deviations(finding: Finding) -> tuple[Mapping[str, tuple[float, float]], ...]:
-    """90 % intervals of the best hypothesis' parameters from their standard deviations, by effect."""
+    """Return 90 % intervals of the best hypothesis' parameters from their standard deviations, by effect."""
     fit, place, out = finding.best.fit, 0, []  # type: ignore[union-attr]
-    # Residuals above the noise widen the intervals as they would under noise of that size.
+    # Residuals above the noise are treated as noise of that size, which widens the intervals.
     wide = max(1.0, finding.after)
     for candidate, effect in zip(fit.who, fit.effects, strict=True):
         count = len(candidate.effect.parameters)
@@ -356,7 +356,7 @@ def _by_deviations(finding: Finding) -> tuple[Mapping[str, tuple[float, float]],
 
 
 def _spans(candidate: Candidate, effect: Applied, deviations: Array, wide: float) -> dict[str, tuple[float, float]]:
-    """90 % intervals of an effect's parameters from their standard deviations [P], made wider by a factor."""
+    """Return 90 % intervals of an effect's parameters from their standard deviations [P] times the factor `wide`."""
     rows = {}
     for parameter, deviation in zip(candidate.effect.parameters, deviations, strict=True):
         value, spread = effect.parameters[parameter.name], _NINETY * wide * float(deviation)
@@ -365,7 +365,7 @@ def _spans(candidate: Candidate, effect: Applied, deviations: Array, wide: float
 
 
 def _figures(parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    """Parameters of a described effect in a sentence."""
+    """Return the parameters of a described effect as part of a sentence."""
     return ", ".join(
         f"{row.get('called', name)} {_rounded(row['value'], row['interval90'])} {row['unit']}".removesuffix(" 1").rstrip()
         for name, row in parameters.items()
@@ -373,23 +373,23 @@ def _figures(parameters: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def digits_of(interval: Sequence[float], scale: float = 1.0) -> tuple[float, int]:
-    """Half the width of an interval, and the decimals that show its second digit where it is multiplied by `scale`."""
+    """Return half the width of an interval, and the decimals that show its second digit after it is multiplied by `scale`."""
     half = max(0.5 * (interval[1] - interval[0]), 1e-12)
     return half, max(0, int(1 - np.floor(np.log10(scale * half))))
 
 
 def _rounded(value: float, interval: Sequence[float]) -> str:
-    """A value with half the width of its interval, rounded to the width's second digit."""
+    """Format a value with half the width of its interval, both rounded to the second digit of that half width."""
     half, digits = digits_of(interval)
     return f"{value:.{digits}f} ± {half:.{digits}f}"
 
 
 def similar_pairs(names: Sequence[str], cosines: Array) -> list[dict[str, Any]]:
-    """Pairs of effects with similar signatures before any fit, the most similar first, as in `screen.json`.
+    """Return the pairs of effects with similar signatures, the most similar first, as they are stored in `screen.json`.
 
     Args:
         names: Names of the effects. [N].
-        cosines: Cosines between their signatures, the largest where they have several. [N, N].
+        cosines: Cosines between their signatures; the largest one if effects have several signatures. [N, N].
     """
     pairs = [
         {"pair": [names[a], names[b]], "cosine": float(cosines[a, b])}

@@ -1,4 +1,4 @@
-"""p-values from replicates, also where fewer than one of them is as large."""
+"""p-values from replicates, also for values beyond all replicates."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ import numpy as np
 from gsbridge.geometry import Array
 
 _SHARE = 0.1
-"""Share of the replicates that tells how the tail falls."""
+"""Share of the replicates, the largest ones, to which the tail is fitted."""
 
 LEAST = 1e-6
-"""p-value below which a tail from so few replicates says nothing."""
+"""Smallest p-value that is returned; a tail fitted to so few replicates says nothing about smaller ones."""
 
 
 def tail_pvalue(replicas: Array, value: float) -> float:
-    """Share of replicates at least as large as a value; among the largest tenth by an exponential tail through them.
+    """Estimate a value's p-value as the share of replicates at least as large; beyond 90 % of them, by an exponential tail.
 
-    Maxima and sums of noise have tails that fall no slower. Without the tail nothing could be less likely than one replicate.
+    The tails of maxima and sums of noise fall at least as fast as an exponential. Without a fitted tail, no p-value could be
+    smaller than that of one replicate, 1 / (1 + R).
 
     Args:
-        replicas: Drawn without an effect. [R].
+        replicas: Values of the statistic drawn without an effect. [R].
         value: The observed value.
 
     Source: Pickands, Annals of Statistics 3, 1975 (peaks over a threshold), with shape 0.

@@ -1,4 +1,4 @@
-"""Where a difference shows: residuals by channel and by what happens, as a map that a person reads at a glance."""
+"""Map of where a difference shows: residuals by channel and by what happens (a phase, a kind of motion)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from gsbridge.geometry import Array
 
 LEVEL = 0.01
-"""Share of false cells that is allowed among those that are marked."""
+"""False discovery rate: the share of marked cells that may be marked by chance."""
 
 
 @dataclass(frozen=True)
@@ -19,10 +19,10 @@ class ResidualMap:
     """Root mean square residuals by channel and by what happens, in the unit of the comparison.
 
     Args:
-        channels: Rows.
-        values: Not-a-number where too few samples fall into a cell. [channels, columns].
-        marked: Cells that noise alone does not explain, at most `LEVEL` of them by chance. [channels, columns].
-        groups: Names of the columns.
+        channels: Names of the rows.
+        values: Residuals; not-a-number where too few samples fall into a cell. [channels, columns].
+        marked: Cells that noise alone does not explain; an expected share of at most `LEVEL` by chance. [channels, columns].
+        groups: Names of the columns, by group.
     """
 
     channels: tuple[str, ...]
@@ -31,7 +31,7 @@ class ResidualMap:
     groups: Mapping[str, tuple[str, ...]]
 
     def record(self) -> dict[str, Any]:
-        """The map as `comparison.json` holds it."""
+        """Return the map as it is stored in `comparison.json`."""
         return {
             "groups": {name: list(columns) for name, columns in self.groups.items()},
             "channels": list(self.channels),
@@ -45,7 +45,7 @@ def few_false(chances: Array, counted: Array) -> Array:
 
     Args:
         chances: P-value of each cell. [...].
-        counted: Cells that hold enough data; the others are never marked. [...] bool.
+        counted: Cells that contain enough data; the others are never marked. [...] bool.
 
     Returns:
         Marked cells. [...] bool.

@@ -1,4 +1,4 @@
-"""What a diagnosis works with: thresholds, candidates, fits that were tried, and what was found."""
+"""Data types of a diagnosis: thresholds, candidates, fits that were tried, and results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gsbridge.effects.registry import Applied, Registry
 from gsbridge.geometry import Array
 
 ROLES = ("fit", "select", "verify")
-"""Parts of a case: effects are fitted to the first, chosen on the second and proven on the third."""
+"""Parts of a case: effects are fitted to the first, chosen on the second and tested on the third."""
 
 VERDICTS = ("no_discrepancy", "named", "ambiguous", "none_of_the_known", "not_attributable", "not_enough_excitation")
 
@@ -20,19 +20,19 @@ SILENT = ("no_discrepancy", "not_enough_excitation")
 """Verdicts that raise no alarm."""
 
 ABSTAINING = ("none_of_the_known", "not_attributable")
-"""Verdicts that something is missing, without a name for it."""
+"""Verdicts that say that something is missing without naming it."""
 
 TRANSFERS = 0.5
-"""Share of the gap that a name must close on `verify`."""
+"""Share of the gap on `verify` that a named effect must close."""
 
 _SLIGHT = 1.1
-"""Gap on `verify`, in units of the noise, below which it hardly shows there and cannot refute a name."""
+"""Size of the gap on `verify`, in units of the noise, below which it is too small to refute a named effect."""
 
 _EDGE = 1e-3
-"""Share of a parameter's range within which it lies on its bound."""
+"""Distance from a bound, as a share of a parameter's range, within which the parameter counts as lying on the bound."""
 
 _CLEAR = 3.0
-"""Standard deviations by which an effect beside others must differ from none."""
+"""Standard deviations by which an effect must differ from zero if it is one of several."""
 
 
 @dataclass(frozen=True)
@@ -41,25 +41,26 @@ class Rules:
 
     Args:
         alarm: p-value below which a discrepancy counts.
-        rivals: Candidates that are fitted.
-        sure: Probability of being best that a name needs.
-        margin: Squared residual, in units of the noise, that a search looks beyond what was reached.
-        join: The same by which one effect more must be better: the best of many candidates always wins a little by chance.
-        earn: The same for a rival on the record that neither was fitted to, and for larger sets of effects.
-        simple: The least of the same for further parameters of an effect that holds a simpler one; Schwarz's logarithm of the
-            number of residuals, less Akaike's two, where that is more (Annals of Statistics 6, 1978).
-        closure: Share of the gap that what is named must close where something remains.
-        several: The same of several effects, on `select` or on `verify`: enough of them mimic a law that is missing.
-        deviations: Standard deviations by which a mean gain on `select` must exceed chance, for coloured noise too.
-        most: Effects that are looked for at once.
-        draws: Number of draws of the block bootstrap.
-        budget: Simulations of one diagnosis, apart from the bank and the account.
-        larger: By how much more each of several must explain than what remains: what is smaller than the model's own error
-            is not named.
+        rivals: Number of candidates that are fitted before the search becomes stricter.
+        sure: Probability of being the best that an explanation needs to be named.
+        margin: Squared residual, in units of the noise, within which one explanation still counts as close to another.
+        join: Gain in squared residual, in units of the noise, that a further effect must bring: the best of many candidates
+            always gains a little by chance.
+        earn: The same gain for a rival on `select`, to which neither was fitted, and for larger sets of effects.
+        simple: Smallest such gain for the further parameters of an effect that contains a simpler one. Schwarz's term, the
+            logarithm of the number of residuals, less Akaike's 2 applies if larger (Annals of Statistics 6, 1978).
+        closure: Share of the gap that named effects must close if something remains.
+        several: The same for several effects, on `select` or on `verify`: enough of them mimic a law that is missing.
+        deviations: Standard deviations by which a gain on `select` must exceed chance, also under coloured noise.
+        most: Largest number of effects in an explanation, outside an account.
+        draws: Number of bootstrap draws.
+        budget: Largest number of simulations of one diagnosis, without the bank and the account.
+        larger: Factor by which what each of several effects explains must exceed what remains: an effect smaller than the
+            model's own error is not named.
         least: Share of the gap that each of several named effects must close.
         worth: Share of the gap that an entry of an account must close.
-        entries: Most entries of an account.
-        account: Simulations of an account.
+        entries: Largest number of entries of an account.
+        account: Largest number of simulations for an account.
     """
 
     alarm: float = 0.01
@@ -84,7 +85,7 @@ class Rules:
 
 @dataclass(frozen=True, order=True)
 class Candidate:
-    """An effect that may be missing, and the joint it would act on, empty where it acts on everything."""
+    """An effect that may be missing, and the joint that it would act on (empty if it acts on everything)."""
 
     registry: ClassVar[Registry[Any]]
     name: str
@@ -96,20 +97,20 @@ class Candidate:
         return self.registry.effect(self.name)
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Parameter sets whose multiples are looked at first."""
+        """Return the parameter sets whose multiples are tried first."""
         found: tuple[dict[str, float], ...] = self.effect.directions()
         return found
 
     def applied(self, values: Mapping[str, float]) -> Applied:
-        """The effect with these parameters."""
+        """Return the effect with these parameters."""
         return Applied(self.name, self.joint, dict(values))
 
     def from_vector(self, vector: Array) -> Applied:
-        """The effect with parameters in the order in which it lists them. [P]."""
+        """Return the effect with the parameters of a vector, in the order in which the effect lists them. [P]."""
         return self.applied({p.name: float(x) for p, x in zip(self.effect.parameters, vector, strict=True)})
 
     def vector(self, values: Mapping[str, float]) -> Array:
-        """Parameters in the order in which the effect lists them. [P]."""
+        """Return parameters as a vector, in the order in which the effect lists them. [P]."""
         return np.array([values[p.name] for p in self.effect.parameters])
 
     def __str__(self) -> str:
@@ -123,13 +124,13 @@ class EffectFit:
     Args:
         who: The candidates.
         effects: Fitted effects with their parameters.
-        chi2: Squared residual on the fitted records, in units of the noise; of an explanation, on `fit` alone.
-        converged: Whether the last step could win nothing.
-        deviations: Standard deviation of each parameter from the curvature and from what another step of time would change,
-            without allowance for coloured residuals. [P].
+        chi2: Squared residual on the fitted records, in units of the noise; for the fit of a `Hypothesis`, on `fit` alone.
+        converged: Whether the last step could gain nothing.
+        deviations: Standard deviation of each parameter, from the curvature and from the change that another time step would
+            make; coloured residuals are not allowed for. [P].
         correlation: Largest correlation of two parameters.
-        rank: Parameters that show in the record, each in a way of its own.
-        records: To how many of the first records of a case they were fitted together.
+        rank: Number of parameters that the record determines independently.
+        records: Number of records fitted together: 1 is `fit`, 2 is `fit` and `select`.
     """
 
     who: tuple[Candidate, ...]
@@ -148,7 +149,7 @@ class EffectFit:
 
     @property
     def stopped(self) -> bool:
-        """Whether an effect would have to be larger than makes sense, so that it was fitted to something else."""
+        """Whether an amplitude stopped at a bound: an effect that large is implausible and stands in for something else."""
         return any(
             parameter.amplitude
             and bound != 0.0
@@ -160,7 +161,7 @@ class EffectFit:
 
     @property
     def blurred(self) -> bool:
-        """Whether one of several effects may as well be absent, so that they together mimic something else."""
+        """Whether one of several effects does not clearly differ from zero, so that together they mimic something else."""
         if len(self.who) < 2:
             return False
         place = 0
@@ -176,14 +177,16 @@ class EffectFit:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A fit to `fit` and how it does on `select`, which it has not seen, unless `fit` shows nothing of one of its effects.
+    """A fit to the record `fit`, judged on `select`.
+
+    `select` is held out, unless `fit` shows nothing of one of the effects; then both records were fitted.
 
     Args:
         fit: The fit, with its squared residual on `fit`.
-        residual: Whitened, on `select`. [T, C].
-        first: Whitened, on `fit`. [T, C].
-        chi2: Square of the residual on `select`.
-        closure: Share of the gap that it closes there.
+        residual: Whitened residual on `select`. [T, C].
+        first: Whitened residual on `fit`. [T, C].
+        chi2: Squared residual on `select`.
+        closure: Share of the gap on `select` that it closes.
     """
 
     fit: EffectFit
@@ -194,30 +197,30 @@ class Hypothesis:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its effects with their joints."""
+        """Names of its effects with their joints, sorted."""
         return tuple(sorted(str(candidate) for candidate in self.fit.who))
 
     @property
     def parameters(self) -> int:
-        """Fitted numbers, as far as they show."""
+        """Number of fitted parameters that the record determines."""
         return self.fit.rank
 
     @property
     def squares(self) -> float:
-        """Squared residuals on both records."""
+        """Squared residual of both records together."""
         return self.chi2 + self.fit.chi2
 
     @property
     def score(self) -> float:
-        """`squares` with Akaike's allowance for what fitting won on the fitted records by chance."""
+        """`squares` with Akaike's penalty for what fitting gains by chance on the fitted records; the lower, the better."""
         return self.squares + (1.0 + self.fit.records) * self.parameters
 
     def holds(self, who: Candidate) -> bool:
-        """Whether it holds an effect, or one on the same joint that is the same with some amplitudes at zero."""
+        """Whether it contains an effect, or on the same joint a special case of that effect (some amplitudes at zero)."""
         return any(other == who or (who.name in other.effect.contains and who.joint == other.joint) for other in self.fit.who)
 
     def contains(self, other: Hypothesis) -> bool:
-        """Whether another explanation is a special case of this one, by what the catalogue says."""
+        """Whether another explanation is a special case of this one, according to the catalogue."""
         if set(other.fit.who) < set(self.fit.who):
             return True
         if len(self.fit.who) != len(other.fit.who) or set(self.fit.who) == set(other.fit.who):
@@ -228,7 +231,7 @@ class Hypothesis:
 
 
 H = TypeVar("H")
-"""Type of a fit that was judged: `Hypothesis`, or a backend's own."""
+"""Type of a judged fit: `Hypothesis`, or a backend's own."""
 
 
 @dataclass(frozen=True)
@@ -237,18 +240,18 @@ class Finding(Generic[H]):
 
     Args:
         verdict: One of `VERDICTS`.
-        best: The best hypothesis; None where nothing was fitted.
-        rivals: All hypotheses with the probability that each is best, the best first.
-        ambiguous: Names among which the data cannot decide.
+        best: The best hypothesis; None if nothing was fitted.
+        rivals: All hypotheses, the best included and first, with the probability that each is the best.
+        ambiguous: Names between which the data cannot decide.
         something_remains: Whether the best explanation leaves more than noise.
         p_value: p-value of the hypothesis that nothing is missing from the model.
         p_remaining: p-value of the hypothesis that nothing is missing beyond the best explanation.
         before: Root mean square residual on `select` without effects, in units of the noise.
         after: Root mean square residual on `select` with the best explanation, in units of the noise.
-        runs: Simulations after the bank.
-        unseen: Candidates that do not show in these records at any sensible size.
+        runs: Number of simulations after the bank.
+        unseen: Candidates that do not show in these records at any plausible size.
         coloured: Whether residuals exceed white noise without being motion.
-        untold: Whether no channels are related by motion, so that nothing could tell motion from coloured noise.
+        untold: Whether no two channels measure the same motion, so that motion and coloured noise cannot be told apart.
         lost: Candidates whose fit did not converge.
     """
 
@@ -268,23 +271,23 @@ class Finding(Generic[H]):
     lost: tuple[str, ...] = ()
 
     def refuted(self) -> Self:
-        """The finding once `verify` has contradicted it: it closed the gap where it was chosen, but not elsewhere."""
+        """Return the finding as it stands once `verify` contradicts it: the gap closed on `select`, but not on `verify`."""
         return replace(self, verdict="none_of_the_known", ambiguous=(), something_remains=True)
 
 
 @dataclass(frozen=True)
 class Verification:
-    """The gap on `verify`, which no fit has seen, without and with the best explanation.
+    """The gap on `verify`, which is held out from all fits, without and with the best explanation.
 
     Args:
-        before: Size of the gap without the effects, in the unit of the findings before scaling.
-        after: Size of the gap with them.
-        closure: Share of the gap above the noise that they close; negative if they make it worse.
-        channels: Before and after of each channel.
+        before: Size of the gap without the effects, in the diagnosis' own unit (before it is scaled for the findings).
+        after: Size of the gap with the effects, in the same unit.
+        closure: Share of the gap above the noise that the effects close; negative if they make it worse.
+        channels: `before` and `after` of each channel.
         accepted: Whether the amended model is no worse.
-        p_remaining: p-value of the hypothesis that they leave nothing but noise there; None where nothing tells.
-        mostly: The closure at most times, where parts knock against each other at moments that no law tells.
-        chance: Spread of the square of `after` that noise alone makes, where sizes are in units of the noise.
+        p_remaining: p-value of the hypothesis that the effects leave only noise; None if it cannot be tested.
+        mostly: Closure without the worst moments, for effects whose parts knock at moments that no law predicts.
+        chance: Standard deviation of the square of `after` under noise alone; 0 if sizes are not in units of the noise.
     """
 
     before: float
@@ -298,7 +301,7 @@ class Verification:
 
     @property
     def at_best(self) -> float:
-        """The closure, if noise happened to add to what is left by two of its spreads: a short record tells it no better."""
+        """Closure if two standard deviations of what is left are chance; a short record determines it no better."""
         if not self.chance or self.before <= 1.0:
             return self.closure
         left = max(self.after**2 - 1.0 - 2.0 * self.chance, 0.0)
@@ -307,10 +310,11 @@ class Verification:
     def transfers(self, rules: Rules | None = None) -> bool:
         """Whether `verify` does not refute the effects.
 
-        They close a good part of a gap that stands out, and leave noise alone where that can be told, or close nearly all.
+        They must close at least `TRANSFERS` of a gap that stands out. Where noise can be tested for, they must also leave
+        nothing but noise, or close nearly the whole gap.
 
         Args:
-            rules: Thresholds.
+            rules: Thresholds; None for the defaults.
         """
         rules = rules or Rules()
         if self.p_remaining is None:
@@ -321,11 +325,11 @@ class Verification:
 
 
 NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"
-"""Words for how sure a line of an account is."""
+"""Verdicts on an entry of an account, the surest first."""
 
 
 def says_likely(findings: Mapping[str, Any]) -> bool:
-    """Whether findings name nothing, but call what explains most of the gap likely.
+    """Whether findings name nothing, but call the effect that explains most of the gap likely.
 
     Args:
         findings: Content of `findings.json`.
@@ -337,17 +341,17 @@ def says_likely(findings: Mapping[str, Any]) -> bool:
 
 @dataclass(frozen=True)
 class AccountEntry:
-    """One line of an account.
+    """One effect in an account.
 
     Args:
         candidate: The effect and its joint.
         effect: The effect with its parameters.
-        deviations: Standard deviations of these, model errors included, in the order in which the effect lists them. [P].
-        share: Share of the gap on `verify` that it closes after those before it; negative if it makes it worse.
+        deviations: Standard deviations of the parameters, model errors included, in the effect's order. [P].
+        share: Share of the gap on `verify` that it closes beyond the entries before it; negative if it makes the gap worse.
         verdict: `NAMED`, `ONE_OF` or `LIKELY`.
-        instead: What else could stand in its place.
-        spans: 90 % intervals of the parameters, where deviations do not tell them.
-        figures: What the model's own figures were and become with it, by parameter, where it has such.
+        instead: Names of effects that could stand in its place.
+        spans: 90 % intervals of the parameters, if they do not follow from `deviations`.
+        figures: Old and new value of the model's own figures, by parameter, if it has such figures.
     """
 
     candidate: Candidate
@@ -362,14 +366,14 @@ class AccountEntry:
 
 @dataclass(frozen=True)
 class GapAccount:
-    """All that explains a gap, and what remains.
+    """All effects that explain a part of a gap, and what remains.
 
     Args:
-        entries: Effects in the order in which they explain the gap on `fit` and `select`.
+        entries: Effects in the order in which they explain the gap.
         explained: Share of the gap on `verify` that they close together.
-        closes: The same in the measure by which names are judged there: of squares, where gaps are root mean squares.
-        channel, phase: Where most remains; empty where nothing stands out.
-        left: Residual there, in units of the noise.
+        closes: The same share in the measure that names are judged by: of squares if gaps are root mean squares.
+        channel, phase: Where most remains; empty if nothing stands out.
+        left: Residual there, in the diagnosis' own unit.
     """
 
     entries: tuple[AccountEntry, ...]

@@ -1,4 +1,4 @@
-"""The verdict over trials: which one is best, which others cannot be told from it, and whether any is good enough."""
+"""Comparison of trials (fits judged on `select`): which is best, which cannot be told from it, and which say nothing new."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from gsbridge.gap.diagnosis.results import Finding, Hypothesis, Rules
 from gsbridge.geometry import Array
 
 _ERRING = 1.5
-"""Squared residual of a number, in units of the noise, from which on the best explanation errs visibly."""
+"""Mean square residual, in units of the noise, above which the best explanation visibly errs."""
 
 _BLOCKS = 40
-"""Blocks of time that tell how a sum spreads."""
+"""Number of blocks of time from which the variance of a sum is estimated."""
 
 _REMEMBERED = 8
-"""Blocks over which what is left may remember itself."""
+"""Largest lag, in blocks, at which residuals may be correlated."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """How a set of trials compares: the best of them, and those that cannot be told from it.
+    """Ranking of a set of trials: the best one, and those that cannot be told from it.
 
     Args:
-        trials: Explanations that say something of their own, the best first.
-        chances: Probability that each is best. [trials].
+        trials: Explanations that are not mere variants of a better one, the best first.
+        chances: Probability that each is the best. [trials].
         near: Explanations that cannot be told from the best.
     """
 
@@ -48,41 +48,41 @@ def decide(trials: Sequence[Hypothesis], rules: Rules, floor: float) -> Decision
         floor: Squared residual of noise alone on `select`.
     """
     ranked = sorted(trials, key=lambda trial: trial.score)
-    # What would have to be larger than makes sense explains nothing, beside something sensible that does as well.
+    # An explanation of implausible size is dropped if a plausible one does about as well.
     sensible = [trial for trial in ranked if not trial.fit.stopped]
     if sensible and sensible[0].score - ranked[0].score < rules.margin * max(1.0, sensible[0].chi2 / floor):
         ranked = sensible
     best = ranked[0]
     wide = max(1.0, best.chi2 / floor)
-    # Where a model errs, one number more always explains a part of the error: it must explain more than it leaves.
+    # If the model errs, a further parameter always explains a part of the error: it must explain more than it leaves.
     left = max(best.squares - 2.0 * floor, 0.0) if wide > _ERRING else 0.0
-    # Schwarz's allowance instead of Akaike's, which the scores hold already.
+    # Schwarz's penalty replaces Akaike's, which the scores already contain.
     schwarz = max(rules.simple, np.log(best.residual.size + best.first.size) - 2.0)
     earn, simple = rules.earn * wide, max(schwarz * wide, left)
-    # What holds a simpler explanation as a special case must earn its further parameters, and otherwise says nothing else.
+    # A trial that contains a simpler one as a special case must gain enough by its further parameters; otherwise it is dropped.
     for trial in sorted(ranked[1:], key=lambda trial: trial.parameters):
         if best.contains(trial) and trial.score - best.score < simple:
             best = trial
     others = [t for t in ranked if t is not best and not (t.contains(best) and best.score - t.score < simple)]
-    # So must a set of several effects that takes more parameters to do as well: enough of them mimic anything.
+    # So must a set of several effects with more parameters than the best: enough effects mimic anything.
     others = [t for t in others if not (_is_larger(t, best) and best.squares - t.squares < earn)]
     kept = _without_unsure_parts([best, *others], rules.sure)
     best, others, chances = kept[0], kept[1:], _chances(kept)
-    # What the probability asks of white noise, and more where the best leaves more than noise.
+    # The lead that `rules.sure` requires under white noise, and more if the best one leaves more than noise.
     margin = _margin(rules) * wide
     near = tuple(
         trial
         for trial, chance in zip(others, chances[1:], strict=True)
-        # A rival that does better on the record that none has seen is one, whatever the fitted record says.
+        # A trial that does clearly better on `select`, which was held out, is a rival however it does on `fit`.
         if trial.score - best.score < margin or best.chi2 - trial.chi2 > earn or chance > 1.0 - rules.sure
     )
     return Decision(tuple(kept), chances, near)
 
 
 def _without_unsure_parts(trials: list[Hypothesis], sure: float) -> list[Hypothesis]:
-    """Trials, the best first, without sets of effects of which a part may as well be all that there is.
+    """Drop sets of effects that are not surely better than one of their subsets; return the trials, the best first.
 
-    One effect more than there is always explains some of a coloured residual: it must be as sure as a name.
+    A superfluous effect always explains some of a coloured residual, so each effect must be as sure as a name.
     """
 
     def unsure(whole: Hypothesis, part: Hypothesis) -> bool:
@@ -102,14 +102,14 @@ def _is_larger(trial: Hypothesis, best: Hypothesis) -> bool:
 
 
 def _chances(trials: Sequence[Hypothesis], third: Sequence[Array] | None = None) -> Array:
-    """Probability that each trial is best, the first being the best guess. [trials].
+    """Return the probability that each trial is the best, from tempered likelihoods. [trials].
 
-    Likelihoods, tempered: if the noise were white, squared residuals would be twice the negative logarithms. How much more they
-    spread is taken from blocks of time of the records: of what the best guess leaves, along what the other would change.
+    Under white noise a squared residual is -2 log likelihood. Under coloured noise squared residuals vary more. The factor
+    comes from blocks of time: the variance of the product of the first trial's residual and its difference to the other's.
 
     Args:
-        trials: Explanations.
-        third: What each leaves of a third record; None to look at two. [T, C] each.
+        trials: Explanations, the best guess first.
+        third: Residual of each on a third record, in units of the noise; None to compare two records. [T, C] each.
     """
     best, odds = trials[0], [0.0]
     for number, trial in enumerate(trials[1:], 1):
@@ -128,13 +128,13 @@ def _chances(trials: Sequence[Hypothesis], third: Sequence[Array] | None = None)
 
 
 def third_opinion(finding: Finding, left_by: Callable[[Hypothesis], Array], rules: Rules, floor: float) -> Finding:
-    """A finding that cannot decide, with its best explanation named where `verify` makes it as sure as a name.
+    """Name the best explanation of an ambiguous finding if `verify` makes it sure enough; else return the finding unchanged.
 
-    `verify` cannot put another one in its place: what two records leave open is asked about once.
+    `verify` can only confirm the best explanation of the other two records, never choose another one.
 
     Args:
-        finding: What two records tell.
-        left_by: What an explanation leaves of `verify`, in units of the noise. [T, C].
+        finding: The finding from `fit` and `select`.
+        left_by: Returns an explanation's residual on `verify`, in units of the noise. [T, C].
         rules: Thresholds.
         floor: Squared residual of noise alone on `select`.
     """
@@ -152,17 +152,18 @@ def third_opinion(finding: Finding, left_by: Callable[[Hypothesis], Array], rule
 
 
 def _margin(rules: Rules) -> float:
-    """What the probability of a name asks of squared residuals, for white noise."""
+    """Return the difference in squared residual that gives the probability `rules.sure` under white noise."""
     return float(2.0 * np.log(rules.sure / (1.0 - rules.sure)))
 
 
 def slim(trials: Sequence[Hypothesis], rules: Rules, floor: float, plain: float) -> list[Hypothesis]:
-    """Leave out sets that are hardly better than one of their subsets, or by less than an entry of an account must explain.
+    """Drop sets of effects that are hardly better than one of their subsets.
 
-    An effect that explains so little of a gap makes up for errors in the model of those that explain the rest.
+    They must gain `rules.join` in score and close a further `rules.least` of the gap. An effect that explains less of a gap
+    only compensates for errors in the models of the other effects.
 
     Args:
-        trials: Fits of sets of effects.
+        trials: Judged fits of sets of effects.
         rules: Thresholds.
         floor: Squared residual of noise alone on `select`.
         plain: Squared residual of the model as it is on `select`.
@@ -181,37 +182,39 @@ def slim(trials: Sequence[Hypothesis], rules: Rules, floor: float, plain: float)
 
 
 def transfer(plain: Array, residual: Array, *, remembered: bool = True) -> float:
-    """How well an explanation agrees with a record that it was not fitted to, in standard deviations.
+    """Return how well an explanation agrees with a held-out record, in standard deviations.
 
-    What it explains is held against the residual without it, and the spread of that against what it leaves: from blocks of
-    time, so that coloured noise does not count as certainty. An explanation that acts in a few blocks only (a limit) is held
-    against what is left at all other times, too.
+    The score is the inner product of the residual without the explanation and the change that the explanation makes, divided
+    by its standard deviation. The deviation is that of the product of change and remaining residual over blocks of time, so
+    that coloured noise does not count as certainty. For an explanation that acts in a few blocks only (a limit), the change is
+    also shifted to all other times.
 
     Args:
         plain: Residual without it. [T, C].
         residual: Residual with it. [T, C].
-        remembered: Whether blocks that are alike count for less, as noise that remembers itself asks. What is left of a real
-            arm's motion comes back with it and is alike all along: that holds back an effect beside others, not an alarm.
+        remembered: Whether correlation between blocks lowers the score, as it must under noise with a long memory. The
+            residual of a real arm repeats with its motion and is correlated throughout; a test of one effect beside others
+            ignores that, an alarm does not.
     """
     part = plain - residual
     if not part.any():
         return 0.0
     variance, count = _spread(residual, part)
-    # As many blocks, or places, as there are tell the spread; few of them have heavy tails.
+    # The variance has as many degrees of freedom as there are blocks (or shifts); few of them mean heavy tails.
     memory = _memory(residual, part) if remembered else 1.0
     deviations = float((plain * part).sum()) / max(np.sqrt(variance * memory), 1e-300)
     return float(norm.isf(max(student.sf(deviations, count), 1e-300)))
 
 
 def told_apart(some: Sequence[Array], others: Sequence[Array]) -> float:
-    """By how many standard deviations one explanation errs less than another, on several records. [T, C] each.
+    """Return by how many standard deviations one explanation errs less than another over several records.
 
-    Where both err much for a while, that tells little of either: each moment counts by what they leave around it. A delay that
-    jitters errs most in fast motion, and what parts it from a filter shows where the motion turns.
+    Each moment is weighted down by the residual that both leave around it, since moments in which both err say little about
+    either. Example: a jittering delay errs most in fast motion, but differs from a filter where the motion turns.
 
     Args:
-        some: What the one leaves of each record, in units of the noise. [T, C] each.
-        others: What the other leaves. [T, C] each.
+        some: Residual of the one explanation on each record, in units of the noise. [T, C] each.
+        others: Residual of the other explanation. [T, C] each.
     """
     rows = []
     for one, other in zip(some, others, strict=True):
@@ -219,14 +222,14 @@ def told_apart(some: Sequence[Array], others: Sequence[Array]) -> float:
         weights = 1.0 / np.sqrt(np.maximum(around, 1.0))
         rows.append((weights * one, weights * other))
     gain = 0.5 * sum(float((other**2).sum() - (one**2).sum()) for one, other in rows)
-    # What the better one leaves is taken for noise.
+    # The residual of the better one serves as the noise.
     pairs = [(one, other - one) if gain > 0.0 else (other, one - other) for one, other in rows]
     variance = sum(_spread(*pair)[0] * _memory(*pair) for pair in pairs)
     return gain / max(float(np.sqrt(variance)), 1e-300)
 
 
 def _memory(left: Array, part: Array) -> float:
-    """Factor on the variance of the product of residual and change, since neighbouring blocks are correlated. Both [T, C].
+    """Return the factor by which correlated blocks raise the variance of the product of residual and change. Both [T, C].
 
     Source: Newey and West, Econometrica 55, 1987.
     """
@@ -240,9 +243,9 @@ def _memory(left: Array, part: Array) -> float:
 
 
 def _spread(left: Array, part: Array) -> tuple[float, float]:
-    """Variance of the product of what is left, as noise, and something else, and how many numbers tell it. Both [T, C].
+    """Return the variance of the inner product of a residual and a change, and its degrees of freedom. Both [T, C].
 
-    From blocks of time; of something that acts in a few of them only, from what is left at all other times, too.
+    It is estimated from blocks of time. If the change acts in a few blocks only, it is shifted over the whole record instead.
     """
     length = max(5, len(part) // _BLOCKS)
     rows = len(part) // length
