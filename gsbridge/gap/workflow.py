@@ -1,6 +1,6 @@
-"""Stages of a case as the workflow runs them: each reads files, makes one thing, and leaves a record beside it.
+"""Stages of a case, as the workflow runs them: each reads files, writes one result, and leaves a record beside it.
 
-What a stage does depends on what the case is about, a mechanism, a thrown body or pictures; what it reads and leaves does not.
+How a stage works depends on the kind of case (a mechanism, a thrown body or photos); its input and output files do not.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ logger = logging.getLogger("gsbridge")
 
 
 def read_backend(case: str | Path) -> Backend:
-    """A user's case, checked: about pictures where it names photos, else about what its model describes.
+    """Read and check a user's case: one about pictures if it names photos, otherwise one about what its model describes.
 
     Raises:
         InputError: Something in the case cannot be used.
@@ -36,7 +36,7 @@ def read_backend(case: str | Path) -> Backend:
 
 
 def load_backend(model: str | Path, data: str | Path, record: str | Path) -> Backend:
-    """The backend of a case, from the files that `write_case_records` has left.
+    """Load the backend of a case from the files that `write_case_records` wrote.
 
     Args:
         model: File of the case's model.
@@ -52,12 +52,12 @@ def load_backend(model: str | Path, data: str | Path, record: str | Path) -> Bac
 
 
 def write_case_records(case: str | Path, data: str | Path, record: str | Path) -> None:
-    """Read and check a case; write its records in SI units, and what is known about them.
+    """Read and check a case; write its records in SI units, and a description of them.
 
     Args:
-        case: The case.
-        data: The records (`.npz`).
-        record: Description of the records (`records.json`).
+        case: The case's file.
+        data: File to write the records to (`.npz`).
+        record: File to write the description of the records to (`records.json`).
 
     Raises:
         InputError: Something in the case cannot be used; nothing is written then.
@@ -70,27 +70,27 @@ def write_case_records(case: str | Path, data: str | Path, record: str | Path) -
 
 
 def write_comparison(model: str | Path, data: str | Path, record: str | Path, out: str | Path) -> None:
-    """Replay the model as it is: residuals of every channel, and a map of where they show.
+    """Replay the model as it is; write the residuals of every channel and a map of where they show.
 
     Args:
         model: The model.
         data: Records.
         record: Description of the records (`records.json`).
-        out: `comparison.json`.
+        out: File to write, `comparison.json`.
     """
     backend = load_backend(model, data, record)
     write_stage(out, reasons=backend.reasons, **backend.compare())
 
 
 def write_screening(model: str | Path, data: str | Path, record: str | Path, bank: str | Path, out: str | Path) -> None:
-    """Simulate the bank of signatures, and say before any fit what these records can tell apart.
+    """Simulate the bank of signatures, and write which effects these records can tell apart, before any fit.
 
     Args:
         model: The model.
         data: Records.
         record: Description of the records (`records.json`).
         bank: Folder that keeps signatures; cases with the same model and commands share them.
-        out: `screen.json`.
+        out: File to write, `screen.json`.
     """
     backend = load_backend(model, data, record)
     write_stage(out, reasons=backend.reasons, **backend.screen(bank))
@@ -105,16 +105,16 @@ def write_findings(
     amended: str | Path,
     seed: int,
 ) -> None:
-    """Diagnose a case: what is missing, proven on the third record, and the amended model.
+    """Diagnose a case; write what is missing, tested on the third record, and the amended model.
 
     Args:
         model: The model.
         data: Records.
         record: Description of the records (`records.json`).
         bank: Folder of signatures.
-        findings: `findings.json`.
-        amended: `model.yaml`.
-        seed: Seed of replicates.
+        findings: File to write, `findings.json`.
+        amended: File to write, `model.yaml`.
+        seed: Random seed of the noise replicates.
     """
     _diagnose(load_backend(model, data, record), model, bank, findings, amended, seed)
 
@@ -133,15 +133,16 @@ def _diagnose(
 def write_replays(
     model: str | Path, data: str | Path, record: str | Path, findings: str | Path, series: str | Path, out: str | Path
 ) -> None:
-    """Replay every record with the model as it was and with the best explanation.
+    """Replay every record with the original model and with the best explanation.
 
     Args:
-        model: The model before.
+        model: The original model.
         data: Records.
         record: Description of the records (`records.json`).
         findings: `findings.json`.
-        series: Measured, nominal and explained motion, `{role}/{what}` (`.npz`); without `explained` where nothing was fitted.
-        out: `replays.json`: residuals before and after, and a map of what remains.
+        series: File to write (`.npz`): measured, nominal and explained motion as `{role}/{what}`; no `explained` if nothing was
+            fitted.
+        out: File to write, `replays.json`: residuals before and after, and a map of what remains.
     """
     backend = load_backend(model, data, record)
     arrays, rows = backend.replay(best_effects(read_json(findings)))
@@ -151,13 +152,13 @@ def write_replays(
 
 
 def run_case(path: str | Path, out: str | Path, bank_folder: str | Path, seed: int = 0) -> dict[str, Any]:
-    """Diagnose a case of any kind into `out`: `findings.json` and the amended `model.yaml`. Returns the findings.
+    """Diagnose a case of any kind, write `findings.json` and the amended `model.yaml` into `out`, and return the findings.
 
     Args:
-        path: The case.
+        path: The case's file.
         out: Folder of the results.
-        bank_folder: Keeps signatures from run to run.
-        seed: Seed of replicates.
+        bank_folder: Folder that keeps signatures from run to run.
+        seed: Random seed of the noise replicates.
 
     Raises:
         InputError: Something in the case cannot be used; nothing is written then.
