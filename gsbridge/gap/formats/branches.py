@@ -1,4 +1,4 @@
-"""Angles of encoders that begin anew after a turn: a joint cannot jump by one between two samples."""
+"""Unwrapping of encoder angles that jump by a full turn: a joint cannot turn that far between two samples."""
 
 from __future__ import annotations
 
@@ -10,31 +10,35 @@ from gsbridge.geometry import Array
 TURN = 2.0 * np.pi
 
 _FASTEST = 30.0
-"""Speed, rad/s, up to which a joint may move: what a jump is off a turn must be such a motion."""
+"""Largest plausible joint speed, rad/s: the difference of a jump from a full turn must not exceed the motion at this speed."""
 
 _AROUND = 10
-"""Samples to either side of a jump whose steps tell how the angle moves there."""
+"""Number of samples on either side of a jump whose steps show how fast the angle moves there."""
 
 _STEADY = (3.0, 0.01)
-"""What a jump may be off a turn: multiple of the largest step around it, and what an encoder at rest may flicker by, rad."""
+"""Largest difference of a jump from a full turn: this multiple of the largest step around it, plus encoder flicker, rad."""
 
 _REACH = 1.02 * TURN
-"""Largest range of angles, rad, that begin anew after a turn, with room for noise."""
+"""Largest range, rad, of angles that an encoder wraps to one turn, with room for noise."""
 
 _NEAR = 0.5
-"""Distance of positions from commands, rad, up to which they are the same but for whole turns."""
+"""Distance of positions from commands, rad, below which they count as equal up to whole turns; also the least motion, rad."""
 
 
 def unwrapped(time: Array, position: Array | None, command: Array | None) -> tuple[Array | None, Array | None]:
-    """Positions and commands of one joint without jumps by a turn, both counted from the same turn.
+    """Remove jumps by a full turn from positions and commands of one joint, and count both from the same turn.
 
-    A command that jumps is believed unless the position follows it without the jump. Where both differ by whole turns alone,
-    all the time and while they move, the position is moved to the command, which is given in the model's angles.
+    A command's jump is kept unless the position follows the command better without it. If position and command always differ
+    by the same whole turns, and they move or were wrapped, the position is shifted to the command, which is in the model's
+    angles.
 
     Args:
         time: Times of the samples, s. [T].
-        position: Measured angles, rad; None where there are none. [T].
-        command: Commanded angles, rad; None where there are none. [T].
+        position: Measured angles, rad; None if there are none. [T].
+        command: Commanded angles, rad; None if there are none. [T].
+
+    Returns:
+        Positions and commands, rad. [T] each, or None.
     """
     wraps = False
     if position is not None:
@@ -56,11 +60,11 @@ def unwrapped(time: Array, position: Array | None, command: Array | None) -> tup
 
 
 def _turns(time: Array, angles: Array) -> Array:
-    """Whole turns that have to be added to angles so that they do not jump; zeros for angles that no encoder wraps. [T]."""
+    """Return the whole turns to add to angles so that they do not jump; zeros if the angles do not look wrapped. [T]."""
     steps, periods = np.diff(angles), np.diff(time)
     if np.ptp(angles) > _REACH or not (np.abs(steps) > 0.5 * TURN).any():
         return np.zeros(len(angles))
-    # A step of a command may be long, too; but what is left of a turn goes on as the angle did before and does after.
+    # A step of a command may be as long as a jump. In a true jump, what is left beyond the turn continues the motion around it.
     off = np.abs(np.abs(steps) - TURN)
     usual = maximum_filter1d(np.where(np.abs(steps) > 0.5 * TURN, 0.0, np.abs(steps)), 2 * _AROUND + 1, mode="nearest")
     most = np.minimum(np.minimum(0.25 * TURN, _FASTEST * periods), _STEADY[0] * usual + _STEADY[1])
@@ -68,7 +72,7 @@ def _turns(time: Array, angles: Array) -> Array:
 
 
 def _apart(position: Array, command: Array) -> float:
-    """Root mean square of the distance between two series but for whole turns between them."""
+    """Return the root mean square distance between two series up to whole turns, rad. [T], [T]."""
     away = position - command
     away = away - TURN * np.round(np.median(away) / TURN)
     return float(np.sqrt(np.mean(away**2)))

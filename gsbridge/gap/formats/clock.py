@@ -1,4 +1,4 @@
-"""Time stamps that scatter about a steady clock, as those of a logger that stamps each sample after another delay."""
+"""Time stamps that scatter about a steady clock, because a logger stamps each sample after a different delay, and breaks."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from gsbridge.gap.formats.records import SHORTEST, Record
 from gsbridge.geometry import Array
 
 _RAGGED = 0.03
-"""Scatter of stamps about a steady clock, as a share of its period, from which on clock and stamps are compared."""
+"""Smallest scatter of stamps about a steady clock, as a share of its period, for which the clock may replace the stamps."""
 
 _SMOOTHER = 0.7
-"""Largest roughness of the motion by the steady clock, relative to that by the stamps, with which the clock is taken."""
+"""The steady clock replaces the stamps if the motion's roughness on it is below this multiple of that on the stamps."""
 
 _ASTRAY = 0.06
-"""Largest deviation of the median time between samples from the steady clock's period, as a share of the period."""
+"""Range in which the clock's rate is searched, around that of the median time between samples, as a share of it."""
 
 _FIRST = 4000
-"""Number of samples of the first estimate of the period; each further estimate takes twice as many, until all are in."""
+"""Number of samples in the first estimate of the period; each further estimate doubles it until all samples are used."""
 
 _HOLE, _BREAK = 10, 0.25
-"""Periods, and seconds, without a sample that together are a break of the log: nobody knows what was commanded meanwhile."""
+"""Time without a sample, in periods and in s (the longer one counts), that breaks the log: commands are unknown in between."""
 
 
 def unbroken(record: Record, source: str | Path) -> tuple[Record, str]:
-    """The longest part of a record without a break, in which commands would be unknown.
+    """Return the longest part of a record without a break; commands are unknown during a break.
 
     Args:
         record: The record as it was logged.
         source: Its file, for messages.
 
     Returns:
-        The record or its part, and what was left out, in words; empty where there is no break.
+        The record or its longest part, and a sentence about what was left out; empty if there is no break.
 
     Raises:
         InputError: Every part is too short.
@@ -59,14 +59,14 @@ def unbroken(record: Record, source: str | Path) -> tuple[Record, str]:
 def steadied(record: Record) -> tuple[Record, float | None]:
     """Put a record on a steady clock if its stamps scatter about one and the motion is much smoother by that clock.
 
-    Samples may be missing: each keeps its place on the clock. Where the motion says nothing, or sampling was as uneven as the
-    stamps say, the record stays as it is.
+    Samples may be missing: the others keep their ticks. The record stays unchanged if the motion does not decide, or if the
+    sampling really was as uneven as the stamps say.
 
     Args:
         record: The record as it was logged.
 
     Returns:
-        The record, and by how much its stamps scattered about the clock, s; None where it was left alone.
+        The record, and the standard deviation of its stamps about the clock, s; None if the record stays unchanged.
     """
     steady = _steady_clock(record.time)
     if steady is None:
@@ -79,9 +79,9 @@ def steadied(record: Record) -> tuple[Record, float | None]:
 
 
 def _steady_clock(time: Array) -> Array | None:
-    """Times by a steady clock that has each stamp nearest to one of its ticks; None where there is none, or they are its ticks.
+    """Return the nearest tick of a steady clock for each stamp; None if no clock fits, or the stamps lie on one. [T] -> [T].
 
-    Its period is where the stamps' phases agree best, as in a periodogram of points. [T] -> [T].
+    The clock's period is the one at which the phases of the stamps agree best, as in the periodogram of a point process.
     """
     steps = np.diff(time)
     first, part = float(np.median(steps)), time[:_FIRST]
@@ -105,7 +105,10 @@ def _steady_clock(time: Array) -> Array | None:
 
 
 def _roughness(time: Array, values: Array) -> float:
-    """Mean distance of samples from the cubics through their four neighbours, in units of a sample's noise. [T], [T, N]."""
+    """Return the mean distance of samples from the cubic through their four neighbours. [T], [T, N].
+
+    Each distance is divided by the factor by which interpolation raises the noise of one sample.
+    """
     near = [time[0:-4], time[1:-3], time[3:-1], time[4:]]
     at = time[2:-2]
     shares = []

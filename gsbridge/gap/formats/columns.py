@@ -1,4 +1,4 @@
-"""Columns of a table that a user brings, in SI units: which is which, what its unit is, and whether it holds numbers."""
+"""Columns of a user's table in SI units: finds a column by name, converts its unit, and checks its values."""
 
 from __future__ import annotations
 
@@ -17,41 +17,44 @@ from gsbridge.geometry import Array
 from gsbridge.reading import refusing, regular_file
 
 LARGEST_TABLE = 2 * 2**30
-"""Largest size of a file, bytes: a day of seven joints at 100 Hz as text."""
+"""Largest size of a file that is read, bytes: a day of seven joints at 100 Hz as text."""
 
 MOST_VALUES = 250_000_000
-"""Rows times columns of a Parquet file that are read: a day of seven joints at 100 Hz has 200 million, which take 2 GB."""
+"""Largest number of values (rows times columns) that are read from a Parquet file.
+
+A day of seven joints at 100 Hz has 200 million, which take 2 GB.
+"""
 
 _COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd")
-"""First bytes of files that gzip, zip, bzip2, xz and zstd have packed."""
+"""First bytes of files compressed by gzip, zip, bzip2, xz and zstd."""
 
 _LARGEST = 1e30
-"""Numbers from here on, SI, measure nothing, and their squares would soon be endless."""
+"""Size, in SI units, from which on a value is refused: it cannot be a measurement, and its powers soon overflow."""
 
 _LISTED = 14
-"""Columns that a message names."""
+"""Largest number of columns that a message lists."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
 _EXAMPLE = "time [s],NAME [UNIT], and so on"
 
 _SHOWN = 40
-"""Characters of a damaged value or line that a message shows."""
+"""Largest number of characters of a damaged value or line that a message shows."""
 
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
-"""What separates columns in files that are no CSV with commas."""
+"""Separators of files that are not comma-separated, and their names for messages."""
 
 _ABOVE = "The first line has to be the header: remove what stands above it"
 
 _UNEVEN = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
-"""What pandas says of a line that is longer than those before."""
+"""Error message of pandas about a line with more values than the lines before it."""
 
 
 def read_table(path: Path, what: str) -> tuple[pd.DataFrame, bytes]:
-    """A table from CSV (header `name [unit]`) or Parquet, and the file's bytes.
+    """Read a table from CSV (header `name [unit]`) or Parquet; return it and the file's bytes.
 
     Args:
         path: The file.
-        what: What it holds, for the message: `record`, `throws`.
+        what: Word for its content, for messages: `record`, `throws`.
 
     Raises:
         InputError: The file cannot be read, is no table, or has no header line; or two columns have the same name.
@@ -70,10 +73,10 @@ def read_table(path: Path, what: str) -> tuple[pd.DataFrame, bytes]:
 
 
 def check_parquet(path: Path) -> None:
-    """Look at what a Parquet file says of itself before its content is read: a few bytes can stand for billions of rows.
+    """Check a Parquet file's metadata before its content is read: a small file can expand to billions of rows.
 
     Raises:
-        InputError: It holds more than `MOST_VALUES` values, or two of its columns have the same name.
+        InputError: It contains more than `MOST_VALUES` values, or two of its columns have the same name.
     """
     with pq.ParquetFile(path) as file:
         rows, columns, names = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow.names
@@ -86,11 +89,11 @@ def check_parquet(path: Path) -> None:
 
 
 def _read_csv(path: Path, data: bytes) -> pd.DataFrame:
-    """A table from CSV.
+    """Read a table from CSV.
 
     Raises:
-        InputError: It is compressed or not UTF-8, does not begin with its header, has a name in it twice, or other separators
-            than commas.
+        InputError: The file is compressed, is not UTF-8, does not begin with its header, names two columns alike, or is not
+            separated by commas.
     """
     if data.startswith(_COMPRESSED):
         raise InputError(path, "it is compressed", f"Unpack {path.name} first, and name the CSV or Parquet file that was in it")
@@ -102,7 +105,7 @@ def _read_csv(path: Path, data: bytes) -> pd.DataFrame:
     try:
         _check_header(path)
         for mark in ";\t":
-            # Rows with decimal commas have more commas than the header, of which pandas would speak.
+            # Check this before pandas reads: with decimal commas it would complain about surplus commas instead.
             if 0 < first.count(mark) == second.count(mark):
                 raise _separated(path, mark)
         table = pd.read_csv(path, compression=None)
@@ -118,27 +121,27 @@ def _read_csv(path: Path, data: bytes) -> pd.DataFrame:
         ) from error  # fmt: skip
     headers = [str(header) for header in table.columns]
     if not isinstance(table.index, pd.RangeIndex):
-        # pandas takes what is too much for the names of the rows, which moves every value into another column.
+        # pandas takes surplus values for row names, which shifts every value into another column.
         raise InputError(
             path, f"its first line names {len(headers)}, its rows have {table.index.nlevels + len(headers)} values",
             _ABOVE if len(headers) == 1 else "Write decimals with a point, and no comma behind the last value",
         )  # fmt: skip
     for mark in _SEPARATORS:
-        # Names and units may hold blanks.
+        # Names and units may contain blanks and bars, so these count as separators only if the header is a single column.
         if any(mark in header for header in headers) if mark in ";\t" else len(headers) == 1 and headers[0].count(mark) > 1:
             raise _separated(path, mark)
     return table
 
 
 def _separated(path: Path, mark: str) -> InputError:
-    """The error about columns that are separated by something else than commas."""
+    """Return the error about columns that are not separated by commas."""
     return InputError(
         path, f"its columns are separated by {_SEPARATORS[mark]}", "Separate them with commas, and write decimals with a point"
     )
 
 
 def _check_header(path: Path) -> None:
-    """Refuse a CSV file that begins with numbers, and one in which two columns have the same name: one would be lost."""
+    """Refuse a CSV file that begins with numbers, or in which two columns have the same name: one would be lost."""
     headers = [str(header) for header in pd.read_csv(path, header=None, nrows=1, dtype=str, compression=None).iloc[0].dropna()]
     words = [word for header in headers for word in re.split(r"[;\s]+", header) if word]
     if words and all(_NUMBER.fullmatch(word) for word in words):
@@ -163,10 +166,10 @@ class Columns:
     Args:
         table: One row per sample.
         source: File of the table, for messages.
-        names: Our name of a column to that of the file; others keep our name.
-        units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
-        gains: N m (of joints that slide: N) per ampere by joint, for efforts in amperes.
-        headers: Whether the file is a table with headers that can be written; others leave units to the case.
+        names: Maps our name of a column to the file's; other columns have our name.
+        units: Maps our name of a column, or only its kind, to its unit; for files whose headers state no units.
+        gains: N m per ampere by joint (N per ampere for joints that slide), for efforts in amperes.
+        headers: Whether units can be written into the file's headers; if not, the case has to state them.
     """
 
     table: pd.DataFrame
@@ -177,14 +180,14 @@ class Columns:
     headers: bool = True
 
     def get(self, ours: str, dimension: str) -> Array | None:
-        """Values in SI units; None where there is no such column. [T].
+        """Return a column's values in SI units, or None if there is no such column. [T].
 
         Args:
-            ours: Our name.
+            ours: Our name of the column.
             dimension: A key of `gsbridge.gap.formats.units.FACTORS`.
 
         Raises:
-            InputError: The unit is missing or unknown, or a value is no number.
+            InputError: The unit is missing, unknown or stated twice differently, or a value is not a number or far too large.
         """
         headers = self._headers()
         theirs, unit = split_header(self.names.get(ours, ours))
@@ -226,10 +229,10 @@ class Columns:
         return values
 
     def need(self, ours: str, dimension: str) -> Array:
-        """`get` of a column that must be there. [T].
+        """Return a column's values in SI units as `get` does, but refuse a missing column. [T].
 
         Raises:
-            InputError: It is missing, or as `get`.
+            InputError: The column is missing, or for the reasons listed at `get`.
         """
         found = self.get(ours, dimension)
         if found is None:
@@ -242,17 +245,17 @@ class Columns:
         return found
 
     def _headers(self) -> dict[str, str]:
-        """Headers by the names in them."""
+        """Map the names in the headers to the whole headers."""
         return {split_header(str(header))[0]: str(header) for header in self.table.columns}
 
 
 def _way_to_mend(held: object, clock: bool, row: int) -> str:
-    """What to do about a value that is no number.
+    """Return advice about a value that is not a number.
 
     Args:
         held: The value.
-        clock: Whether it is a time.
-        row: Its row, from 0.
+        clock: Whether its column holds times.
+        row: Its data row, from 0.
     """
     text = held.strip() if isinstance(held, str) else ""
     if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", text):

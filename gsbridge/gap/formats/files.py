@@ -1,4 +1,4 @@
-"""Files of a case, found before it is read: what the workflow has to watch, and where a case may lie."""
+"""Files of a case, found before it is read: those that the workflow has to watch, and the case's own file."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _PHOTOS = (".json", ".npz", ".png")
 
 
 def case_path(name: str, value: str, places: Sequence[str | Path]) -> Path:
-    """A case's file.
+    """Find a case's file.
 
     Args:
-        name: Name of the case.
-        value: Path of the case's file as it is configured.
-        places: Folders it may be relative to, in this order.
+        name: Name of the case, for messages.
+        value: Configured path of the case's file.
+        places: Folders that the path may be relative to, in order of preference.
 
     Raises:
-        InputError: It is in none of them.
+        InputError: None of the folders contains the file.
     """
     found = [Path(folder) / Path(value).expanduser() for folder in places]
     for path in found:
@@ -38,10 +38,10 @@ def case_path(name: str, value: str, places: Sequence[str | Path]) -> Path:
 
 
 def case_name(value: str) -> str:
-    """Name of a case that is given by its file alone: the file's, or its folder's where that is called `case.yaml`.
+    """Derive a case's name from its file: the file's name, or that of its folder if the file is called `case.yaml`.
 
     Raises:
-        InputError: No letters are left.
+        InputError: The derived name does not begin with a letter.
     """
     path = Path(value).expanduser()
     word = path.resolve().parent.name if path.stem == "case" else path.stem
@@ -52,17 +52,16 @@ def case_name(value: str) -> str:
 
 
 def case_files(case: str | Path) -> list[Path]:
-    """Files that a case names and that are there: its model, the model's URDF and its meshes, its records and
-    their repeats, or its photos.
+    """Return the existing files that a case names, none if the case is damaged.
 
-    A damaged case names none.
+    They are its model, the model's URDF or MJCF with its meshes, its records and their repeats, and its photos.
     """
     case = Path(case)
     content = case_content(case)
     names = [content.get("model"), *_values(content.get("records"))]
     names += [name for item in _values(content.get("repeats")) for name in (item if isinstance(item, list) else [item])]
     model = case_model(case)
-    # What stands behind '#' is a part of a data set.
+    # The text after '#' names a part of a data set.
     found = [case.parent / name.partition("#")[0] for name in names if isinstance(name, str)]
     urdf = case_content(model).get("urdf")
     if isinstance(urdf, str) and os.path.isfile(model.parent / urdf):
@@ -75,17 +74,17 @@ def case_files(case: str | Path) -> list[Path]:
 
 
 def case_model(case: str | Path) -> Path:
-    """The model that a case names; the case itself where it names none."""
+    """Return the file of the model that a case names, or the case's own file if it names none."""
     case = Path(case)
     name = case_content(case).get("model")
     return case.parent / name if isinstance(name, str) else case
 
 
 def check_asked_cases(arguments: Iterable[str], cases: Iterable[str]) -> None:
-    """Refuse results of a case that is not configured; snakemake would only say that no rule makes them.
+    """Refuse requests for results of a case that is not configured; snakemake would only say that no rule makes them.
 
     Raises:
-        InputError: A result of another case is asked for.
+        InputError: A result of a case that is not configured is asked for.
     """
     names = sorted(cases)
     for argument in arguments:
@@ -103,7 +102,7 @@ def check_asked_cases(arguments: Iterable[str], cases: Iterable[str]) -> None:
 
 
 def case_content(path: str | Path) -> dict[str, object]:
-    """Top level of a YAML file; empty where it cannot be read, which the reading stage will say."""
+    """Return the top level of a YAML file; empty if it cannot be read, which the stage that reads it reports later."""
     try:
         content = load_yaml(path, "case", "See docs/gap.md")
     except InputError:
@@ -116,17 +115,21 @@ def _values(content: object) -> list[object]:
 
 
 def _inside(path: Path, kinds: tuple[str, ...]) -> list[Path]:
-    """A file, or the files of some kinds in a folder (a data set, one file per throw, photos); nothing where there is none."""
+    """Return a file, or a folder's files of some kinds (a data set, one file per throw, photos); empty if there is none."""
     if os.path.isdir(path):
         return files_below(path, kinds, "data set", "Name the folder of the data set itself")
     return [path] if os.path.isfile(path) else []
 
 
 def check_contents(contents: Mapping[str, Sequence[str]], scenes: Iterable[str]) -> None:
-    """Refuse contents of the benchmark's photos that are no scenes.
+    """Refuse benchmark photos whose configured content is not a known scene.
+
+    Args:
+        contents: Names of scenes, by kind of photos.
+        scenes: Names of all known scenes.
 
     Raises:
-        InputError: One is none.
+        InputError: A name is not that of a scene.
     """
     known = set(scenes)
     for kind, names in contents.items():
@@ -138,10 +141,14 @@ def check_contents(contents: Mapping[str, Sequence[str]], scenes: Iterable[str])
 
 
 def check_own_cases(cases: Iterable[str], own: Iterable[str]) -> None:
-    """Refuse cases that bear a name of the workflow's own.
+    """Refuse cases with a name that the workflow itself uses.
+
+    Args:
+        cases: Names of the configured cases.
+        own: Names that the workflow uses.
 
     Raises:
-        InputError: One does.
+        InputError: A configured case has such a name.
     """
     for name in sorted(set(cases) & set(own)):
         raise InputError("config: gap.cases", f"'{name}' is a case that the workflow makes", "Call yours something else")

@@ -1,4 +1,4 @@
-"""Do columns belong together? Positions follow commands; speeds that are mere differences of positions tell nothing."""
+"""Checks of columns against each other: whether positions follow commands, and whether speeds are differenced positions."""
 
 from __future__ import annotations
 
@@ -12,22 +12,24 @@ from gsbridge.gap.formats.records import Record
 from gsbridge.geometry import Array
 
 _MOVES = 0.02
-"""Spread of a command, rad or m, from which on a joint is asked to move."""
+"""Standard deviation of a command or a position, rad or m, above which a joint counts as moving."""
 
 _AGAINST, _APART, _TOGETHER = -0.8, 0.3, 0.95
-"""Correlations of a position with a command: below, it moves against it; below, it does not follow; above, it follows."""
+"""Correlation of a position with a command: it moves against it below the first, does not follow below the second, and follows
+above the third."""
 
 _ORDER = 4
-"""Order of the difference that leaves noise of a channel and no motion."""
+"""Order of the differences that remove the motion of a channel and leave its noise."""
 
 _EQUAL = 0.05
-"""Distance of logged speeds from differences of the logged positions, in units of their noise, up to which they are them."""
+"""Largest distance between logged speeds and differenced positions, in units of the noise of the latter, to count as equal."""
 
 
 def differenced(record: Record) -> bool:
-    """Whether the speeds of all joints are differences of the logged positions: between neighbours, or across both of them.
+    """Whether the speeds of all joints are forward, backward or central differences of the logged positions.
 
-    A sensor of speeds has noise of its own, and what a drive computes from its encoder between the samples of a log does, too.
+    Such speeds carry no information of their own. Speeds from a sensor have noise of their own, and so do those that a drive
+    computes from its encoder at a faster rate than the log's.
     """
     if "position" not in record.measured or "velocity" not in record.measured:
         return False
@@ -42,14 +44,14 @@ def differenced(record: Record) -> bool:
 
 
 def check_following(record: Record, source: str | Path) -> None:
-    """Refuse positions under feedback that move against their commands, or follow those of another joint.
+    """Refuse positions that move against their commands, or that follow the commands of another joint.
 
     Args:
-        record: The record; nothing is said where it has no positions, or commands that are none.
+        record: The record; it passes unchecked without positions or without position commands.
         source: File of the record.
 
     Raises:
-        InputError: A sign or the order of columns is wrong.
+        InputError: A sign is wrong, or the columns are in the wrong order.
     """
     if "position" not in record.measured or "command" not in record.commands or record.torque_commands:
         return
@@ -72,7 +74,7 @@ def check_following(record: Record, source: str | Path) -> None:
 
 
 def _correlations(some: Array, others: Array) -> Array:
-    """Correlation of each column with each of others; zero of columns that stand still. [T, N], [T, N] -> [N, N]."""
+    """Correlate each column of `some` with each of `others`; constant columns give 0. [T, N], [T, N] -> [N, N]."""
     rows = [values - values.mean(axis=0) for values in (some, others)]
     rows = [values / np.maximum(np.linalg.norm(values, axis=0), 1e-12) for values in rows]
     return rows[0].T @ rows[1]

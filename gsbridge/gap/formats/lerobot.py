@@ -1,7 +1,7 @@
 """LeRobot data sets, versions 2 and 3: episodes as Parquet below `data/`, described by `meta/info.json`.
 
-Version 2 keeps one file per episode, version 3 several episodes per file; both mark every row with its episode. Features are
-vectors whose elements `info.json` names; their units are nowhere, so that a case has to state them.
+Version 2 has one file per episode, version 3 several episodes per file; both mark every row with its episode. Features are
+vectors whose elements are named in `info.json`. Their units are not stored, so a case has to state them.
 
 Source: https://huggingface.co/docs/lerobot/lerobot-dataset-v3 and the files of published data sets.
 """
@@ -27,28 +27,29 @@ KINDS = {
     "observation.effort": "effort",
     "action": "command",
 }
-"""Features that hold one number per joint, and what we call them."""
+"""Features with one number per joint, and our kinds of columns for them."""
 
 _ABOUT_ROWS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
-"""Features that number the rows instead of measuring something."""
+"""Features that identify the rows instead of measuring something."""
 
 _ENDINGS = (".pos", ".position")
 
 
 def read_lerobot(folder: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.DataFrame, str]:
-    """One episode as a table.
+    """Read one episode as a table.
 
     Args:
-        folder: The data set.
-        part: Number of the episode; may be empty where there is only one.
-        joints: Joints of the mechanism.
+        folder: Folder of the data set.
+        part: Number of the episode; may be empty if there is only one.
+        joints: Names of the mechanism's joints.
 
     Returns:
-        Columns `time [s]`; every element of a numeric feature as `feature.element`; and `position.joint`, `velocity.joint`,
-        `effort.joint`, `command.joint` where elements are called like joints. And the SHA-256 of what was read.
+        A table and the SHA-256 of its content. Its columns are `time [s]`; every element of a numeric feature as
+        `feature.element`; and `position.joint`, `velocity.joint`, `effort.joint` and `command.joint` for elements that are
+        named like joints.
 
     Raises:
-        InputError: This is no such data set, its version is unknown, or the episode is missing.
+        InputError: The folder is not a LeRobot data set, its version is unknown, or the episode is missing.
     """
     if not (folder / "meta/info.json").is_file():
         raise InputError(folder, "this folder is no LeRobot data set: meta/info.json is missing", "Name its top folder")
@@ -57,7 +58,7 @@ def read_lerobot(folder: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.D
 
 
 def _read(folder: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.DataFrame, str]:
-    """As `read_lerobot`, in which whatever is wrong with the content becomes one line."""
+    """Do the work of `read_lerobot`, which turns any exception from here into a one-line error."""
     info = read_given_json(folder / "meta/info.json", "Copy or download the data set again")
     version = str(info.get("codebase_version", ""))
     if version.lstrip("v").split(".")[0] not in ("2", "3"):
@@ -90,7 +91,7 @@ def _is_vector(feature: Mapping[str, Any]) -> bool:
 
 
 def _elements(name: str, feature: Mapping[str, Any], count: int) -> list[str]:
-    """Names of a feature's elements; their numbers where it has none."""
+    """Return the names of a feature's elements, or their numbers if they have no names."""
     names = feature.get("names")
     if isinstance(names, Mapping):
         # Grouped, e.g. {"motors": [...]}.
@@ -101,7 +102,7 @@ def _elements(name: str, feature: Mapping[str, Any], count: int) -> list[str]:
 
 
 def _rows(folder: Path, files: list[Path], part: str, features: list[str], info: Mapping[str, Any]) -> pd.DataFrame:
-    """Rows of one episode in the order of time."""
+    """Return the rows of one episode in the order of the sorted files."""
     total = int(info.get("total_episodes", 1))
     if part and not part.isdecimal():
         raise InputError(f"{folder}#{part}", f"'{part}' is no number of an episode", f"Write {folder.name}#0, for example")

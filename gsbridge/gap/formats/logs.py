@@ -1,6 +1,6 @@
-"""Logs of any known format as records: CSV and Parquet, LeRobot data sets, MCAP.
+"""Reading of logs in any known format (CSV, Parquet, LeRobot data sets, MCAP) as records.
 
-Every format becomes a table with our columns, and that is read and checked by one and the same code.
+Every format is turned into a table with our columns, and the same code then reads and checks that table.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ OTHERS: Mapping[str, tuple[str, str]] = {
     ".bag": ("a bag of ROS 1", "Convert it: pip install rosbags; rosbags-convert --src {0} --dst {1} --dst-storage mcap"),
     ".db3": ("a bag of ROS 2 in SQLite", "Convert its folder: rosbags-convert --src {2} --dst {2}_mcap --dst-storage mcap"),
 }
-"""Logs that are not read, by the ending of their names: what they are, and how to make of them what is."""
+"""Formats that are not read, by file name ending: a description, and advice on how to convert them."""
 
 
 def _refuse_others(file: Path) -> None:
-    """Refuse logs of formats that are not read, and bags that are named by their folder.
+    """Refuse logs in formats that are not read, and ROS 2 bags that are named by their folder.
 
     Raises:
-        InputError: It is one of these, with the way to convert it.
+        InputError: The log is such a file or folder; the message says how to convert or name it.
     """
     bag = sorted(file.glob("*.mcap")) + sorted(file.glob("*.db3")) if os.path.isfile(file / "metadata.yaml") else []
     if bag and bag[0].suffix == ".mcap":
@@ -43,7 +43,7 @@ def _refuse_others(file: Path) -> None:
 
 
 def split_part(path: str | Path) -> tuple[Path, str]:
-    """A log's file and which part of it is meant: `data#3` is episode 3, `log.mcap#/joint_states` a topic."""
+    """Split a log's path into its file and the part after `#`: `data#3` is episode 3, `log.mcap#/joint_states` a topic."""
     name, mark, part = str(path).partition("#")
     return Path(name), part if mark else ""
 
@@ -53,10 +53,11 @@ def read_log(path: str | Path, layout: Layout) -> Record:
 
     Args:
         path: CSV or Parquet; the folder of a LeRobot data set with `#EPISODE`; an MCAP file with `#TOPIC` or `#TOPIC,COMMANDS`.
-        layout: How its columns are called.
+        layout: Names and units of the columns.
 
     Raises:
-        InputError: As `read_record`; the part is missing or ambiguous, or an optional package is not installed.
+        InputError: For the reasons listed at `read_record`; the format is not read, the part is missing or ambiguous, or an
+            optional package is not installed.
     """
     file, part = split_part(path)
     _refuse_others(file)

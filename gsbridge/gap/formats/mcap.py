@@ -1,7 +1,7 @@
-"""MCAP logs: JSON messages, and ROS 2 joint states where the package for them is installed.
+"""MCAP logs: JSON messages, and ROS 2 joint states if the package for them is installed.
 
-Messages of three kinds are understood: joint states (`name`, `position`, `velocity`, `effort`), arrays in the joints' order
-(`data`, as controllers of ROS 2 take them), and flat JSON objects of numbers, one row each, whose keys are our column names.
+Three kinds of messages are read: joint states (`name`, `position`, `velocity`, `effort`), arrays in the joints' order
+(`data`, the commands of ROS 2 controllers), and flat JSON objects of numbers, one per row, whose keys are our column names.
 
 Source: https://mcap.dev/spec, sensor_msgs/JointState, REP 103 (units of ROS are SI).
 """
@@ -25,21 +25,21 @@ from gsbridge.geometry import Array
 from gsbridge.reading import refusing, regular_file
 
 MOST_MESSAGES = 2_000_000
-"""Messages of one topic that are read: five hours at 100 Hz."""
+"""Largest number of messages that are read from one topic: over five hours at 100 Hz."""
 
 LARGEST_TOPICS = 512 * 2**20
-"""Bytes of the messages that are read, and of one chunk as it is unpacked."""
+"""Largest total size of the messages that are read, and largest size of one unpacked chunk, bytes."""
 
 _HOLE, _BREAK = 10, 0.25
-"""Periods, and seconds, for which the last command is taken to hold, whichever is longer."""
+"""Time, in periods and in s (the longer one counts), for which the last command is taken to hold."""
 
 UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
-"""Units of the joint states of ROS: at joints that turn, and at those that slide."""
+"""Units of the joint states of ROS: at joints that turn, and at joints that slide."""
 
 
 @dataclass(frozen=True)
 class _Joints:
-    """Joints of a mechanism, and those of them that slide."""
+    """Names of a mechanism's joints, and of those among them that slide."""
 
     names: tuple[str, ...]
     sliding: Collection[str]
@@ -51,10 +51,10 @@ class Stream:
 
     Args:
         topic: Name of the topic.
-        ros: Whether they are ROS messages, whose units are SI.
-        times: Stamps of their source, or of the log where they have none, s.
-        logged: Stamps of the log, s.
-        messages: Plain mappings.
+        ros: Whether the messages are ROS messages, whose units are SI.
+        times: Time stamps of the source, s; empty if not every message has one.
+        logged: Time stamps of the log, s.
+        messages: The messages as plain mappings.
     """
 
     topic: str
@@ -73,21 +73,21 @@ class Stream:
 
 
 def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collection[str] = ()) -> tuple[pd.DataFrame, str, str]:
-    """The joints' log as a table.
+    """Read the log of a mechanism's joints as a table.
 
     Args:
         path: The file.
-        part: `TOPIC` of the measurements, or `TOPIC,COMMANDS`; may be empty where only one topic has measurements.
-        joints: Joints of the mechanism.
+        part: `TOPIC` of the measurements, or `TOPIC,COMMANDS`; may be empty if only one topic has measurements.
+        joints: Names of the mechanism's joints.
         sliding: Names of the joints that slide.
 
     Returns:
-        Columns `time [s]`, `position.joint` and so on with units where the messages have them; commands as they were last sent
-        at each measurement. The file's SHA-256. And what was left out, in words; empty where everything was taken.
+        The table, the file's SHA-256, and a sentence about what was left out (empty if everything was taken). The columns are
+        `time [s]`, `position.joint` and so on, with units if the messages have them; each row has the last command sent.
 
     Raises:
-        InputError: The package `mcap` is missing, the file is damaged or beyond what is read, a topic is missing or holds
-            nothing known, or its stamps run backwards.
+        InputError: The package `mcap` is missing, the file is damaged or too large, a topic is missing or contains no known
+            kind of message, or its time stamps run backwards.
     """
     reader = _optional("mcap.reader", path)
     regular_file(path, "record", "Check the path in the case")
@@ -100,10 +100,10 @@ def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collectio
 
 
 def _only_topic(path: Path, reader: Any) -> str:
-    """The one topic that has measurements, by the first message of each.
+    """Return the only topic with measurements, judged by the first message of each topic.
 
     Raises:
-        InputError: Several have, or none.
+        InputError: Several topics have measurements, or none.
     """
     streams = _streams(path, reader)
     found = [name for name, stream in streams.items() if stream.kind != "array"]
@@ -113,7 +113,7 @@ def _only_topic(path: Path, reader: Any) -> str:
 
 
 def _table(streams: Mapping[str, Stream], path: Path, wanted: Sequence[str], joints: _Joints) -> tuple[pd.DataFrame, str]:
-    """The joints' log from the topics that are meant, and what was left out of it, in words; see `read_mcap`."""
+    """Make the joints' table from the wanted topics, and a sentence about what was left out; see `read_mcap`."""
     measured, cut = streams[wanted[0]], ""
     columns = _columns(measured, joints, "measured", path)
     if len(wanted) > 1:
@@ -137,10 +137,10 @@ def _table(streams: Mapping[str, Stream], path: Path, wanted: Sequence[str], joi
 
 
 def _commanded_until(when: Array) -> float:
-    """Time until which the last command is taken to hold, by the stamps of the commands, s.
+    """Return the time until which the last command is taken to hold, s, from the time stamps of the commands. [T].
 
-    Commands that come without end are in force until the next; ones that are sent where something changes hold for as long as
-    any of them did.
+    A command from a steady stream holds for `_HOLE` periods or `_BREAK`. Commands that are sent only when something changes
+    may hold longer: the last one is taken to hold for as long as the longest of the others.
     """
     if len(when) < 2:
         return np.inf
@@ -153,10 +153,10 @@ def _listed(streams: Mapping[str, Stream]) -> str:
 
 
 def _optional(name: str, path: Path) -> Any:
-    """A package that not everybody has.
+    """Import a module of an optional package.
 
     Raises:
-        InputError: It is not installed.
+        InputError: The package is not installed.
     """
     try:
         return importlib.import_module(name)
@@ -167,15 +167,15 @@ def _optional(name: str, path: Path) -> Any:
 
 
 def _streams(path: Path, reader: Any, wanted: Sequence[str] = ()) -> dict[str, Stream]:
-    """Messages of topics in the order of the log's stamps, by name.
+    """Read the messages of topics, by topic, in the order of the log's time stamps.
 
     Args:
         path: The file.
         reader: The module `mcap.reader`.
-        wanted: Topics that are read; where none is named, the first message of each topic that can be read.
+        wanted: Topics to read; if empty, only the first message of each readable topic is read.
 
     Raises:
-        InputError: The file is damaged, a topic is not there or cannot be read, or there is more than is read.
+        InputError: The file is damaged, a topic is missing or cannot be read, or the messages exceed the limits.
     """
     out: dict[str, Stream] = {}
     closed: set[str] = set()
@@ -216,28 +216,28 @@ def _streams(path: Path, reader: Any, wanted: Sequence[str] = ()) -> dict[str, S
         there, asked = _listed(_streams(path, reader)), f"{path}#{','.join(wanted)}"
         raise InputError(asked, f"there is no topic '{missing[0]}' that can be read", f"It has: {there}")
     for found in out.values():
-        # Stamps count only where every message has one.
+        # The source's stamps are used only if every message has one.
         if len(found.times) < len(found.messages):
             found.times = []
     return out
 
 
 def _messages(reader: Any, path: Path, wanted: Sequence[str]) -> Iterator[Any]:
-    """Messages of the wanted topics in the order of the log's stamps, or those of all topics as they lie in the file.
+    """Yield the messages of the wanted topics in the order of the log's stamps, or those of all topics in the file's order.
 
     Raises:
-        InputError: A chunk of the file would unpack to more than is read.
+        InputError: A chunk of the file would unpack to more than `LARGEST_TOPICS`.
     """
     summary = reader.get_summary()
     for chunk in summary.chunk_indexes if summary is not None else ():
         if chunk.uncompressed_size > LARGEST_TOPICS:
             raise InputError(path, "it has a chunk of more than 512 MB", "Write it with chunks of some megabytes")
-    # Of a file without an index, all that is put in order is held in memory.
+    # Sorting a file without an index holds all its messages in memory, so only wanted topics are sorted.
     yield from reader.iter_messages(topics=list(wanted) or None, log_time_order=bool(wanted))
 
 
 def _decoded(schema: Any, channel: Any, message: Any, factories: list[Any]) -> Mapping[str, Any] | None:
-    """A message as a plain mapping; None where it cannot be decoded."""
+    """Decode a message into a plain mapping, or return None if that is impossible."""
     if channel.message_encoding == "json":
         content = json.loads(message.data)
         return content if isinstance(content, dict) else None
@@ -249,13 +249,13 @@ def _decoded(schema: Any, channel: Any, message: Any, factories: list[Any]) -> M
 
 
 def _plain(value: Any) -> Any:
-    """A decoded ROS message as mappings."""
+    """Convert a decoded ROS message into nested mappings."""
     names = getattr(value, "__slots__", None) or getattr(value, "__dict__", None)
     return {name: _plain(getattr(value, name)) for name in names if not name.startswith("_")} if names else value
 
 
 def _stamp(content: Mapping[str, Any]) -> float | None:
-    """Stamp in a message's header, s; None where there is none."""
+    """Return the time stamp in a message's header, s, or None if there is none."""
     stamp = (content.get("header") or {}).get("stamp") if isinstance(content.get("header"), Mapping) else None
     if not isinstance(stamp, Mapping):
         return None
@@ -264,7 +264,7 @@ def _stamp(content: Mapping[str, Any]) -> float | None:
 
 
 def _columns(stream: Stream, joints: _Joints, role: str, path: Path) -> dict[str, Array]:
-    """Columns of one topic.
+    """Return the columns of one topic, by header.
 
     Args:
         stream: Messages of the topic.
@@ -308,5 +308,5 @@ def _columns(stream: Stream, joints: _Joints, role: str, path: Path) -> dict[str
 
 
 def _number(value: Any) -> float:
-    """A number, not-a-number for everything else."""
+    """Return a number as a float, and not-a-number for anything else."""
     return float(value) if isinstance(value, (int, float)) else float("nan")

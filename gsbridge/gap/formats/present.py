@@ -1,4 +1,4 @@
-"""A case's file, its model and its records, which have to be there before anything of the case runs."""
+"""Checks, before any stage of a case runs, that the case's file, its model and its records exist."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from gsbridge.tasks.views import ROLES
 
 
 def check_own_file(value: str | None, places: Sequence[Path]) -> None:
-    """Refuse a case that is given by its file alone, and whose file is not there.
+    """Refuse a case that is given only by its file if that file does not exist.
 
     Args:
-        value: The file; None where no case is given.
-        places: Folders that it may be relative to, in this order.
+        value: Path of the file; None or empty if no case is given.
+        places: Folders that the path may be relative to, in order of preference.
 
     Raises:
-        InputError: It is in none of them.
+        InputError: None of the folders contains the file.
     """
     if not value:
         return
@@ -33,28 +33,28 @@ def check_own_file(value: str | None, places: Sequence[Path]) -> None:
 
 
 def check_named(case: str | Path, made: Path) -> None:
-    """Refuse a case that names what is not there: its model and its records.
+    """Refuse a case whose model or records do not exist.
 
     Args:
         case: The case's file.
         made: Folder of models and records that the workflow may make first.
 
     Raises:
-        InputError: As `check_model` and `check_records`.
+        InputError: For the reasons listed at `check_model` and `check_records`.
     """
     check_model(case, made)
     check_records(case, made)
 
 
 def check_model(case: str | Path, made: Path) -> None:
-    """Refuse a case whose model is not there; snakemake would only say that an input is missing.
+    """Refuse a case whose model does not exist; snakemake would only say that an input is missing.
 
     Args:
         case: The case's file.
         made: Folder of models that the workflow may make first.
 
     Raises:
-        InputError: The model that the case names is neither there nor in that folder.
+        InputError: The model that the case names neither exists nor belongs into that folder.
     """
     case, model = Path(case), case_model(case)
     if model != case and not os.path.isfile(model) and not _below(model, made):
@@ -63,16 +63,16 @@ def check_model(case: str | Path, made: Path) -> None:
 
 
 def check_records(case: str | Path, made: Path) -> None:
-    """Refuse a case with a record that is not there, or in a role that there is none of: the plan would pass without it.
+    """Refuse a case with a record that does not exist or whose role is unknown; the workflow's plan would not notice it.
 
-    Photos that are not there, and what a record holds, are told by the stage that reads them, case by case.
+    Missing photos and the content of records are checked later, by the stage that reads them.
 
     Args:
         case: The case's file.
         made: Folder of records that the workflow may make first.
 
     Raises:
-        InputError: A record has no known role, or is neither there nor in that folder.
+        InputError: A record's role is unknown, or the record neither exists nor belongs into that folder.
     """
     case = Path(case)
     for section in ("records", "repeats"):
@@ -94,5 +94,5 @@ def check_records(case: str | Path, made: Path) -> None:
 
 
 def _below(file: Path, folder: Path) -> bool:
-    """Whether a file's place is inside a folder, whether or not either is there."""
+    """Whether a path lies below a folder; neither has to exist."""
     return Path(os.path.abspath(file)).is_relative_to(os.path.abspath(folder))

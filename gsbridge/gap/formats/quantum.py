@@ -1,4 +1,4 @@
-"""Steps in which an encoder counts, and a file writes its digits."""
+"""Quantisation steps of logged values: the steps of an encoder, or those of the digits in a file."""
 
 from __future__ import annotations
 
@@ -9,26 +9,29 @@ import numpy as np
 from gsbridge.geometry import Array
 
 _LEVELS = 20
-"""Levels from which on it is no chance that all of them lie whole steps apart."""
+"""Number of levels from which on it cannot be chance that all distances between them are whole multiples of one step."""
 
 _PASSED, _PASSES, _MANY = 8, 5, 12
-"""Most samples for which a level is held that a resampled series passes; fewest such levels that tell its step, and where
-all levels have a step, too, for times whose rates are as small numbers make a grid between the encoder's. A mechanism that goes
-from rest to rest stays longer at each, and its rests may lie a round angle apart."""
+"""Limits for the encoder's levels that a resampled series passes.
+
+A level counts if it is held for at most `_PASSED` samples: a mechanism that moves from rest to rest stays longer at each rest,
+and its rests may lie a round angle apart. `_PASSES` such levels determine the step. `_MANY` are needed if all levels together
+have a step, too, because a rational ratio of sampling rates (small integers) also makes a grid between the encoder's levels.
+"""
 
 _OFF = 0.05
-"""Largest distance of a level from its whole number of steps, in steps."""
+"""Largest distance from a whole number of steps, in steps."""
 
 _SHARED = 2
-"""Fewest levels of a log that show that it counts in another log's steps."""
+"""Smallest number of levels that show that a log has the quantisation step of another log."""
 
 
 def quantum_of(values: Array) -> Array:
-    """Step of the digits of each column, 0 where values are not visibly quantised. [T, N] -> [N].
+    """Return the quantisation step of each column, 0 for values that are not visibly quantised. [T, N] -> [N].
 
-    A short record of a fine encoder hardly ever shows a level twice, but all its levels lie whole steps apart. Where a log was
-    brought to other times, values lie between the encoder's levels, perhaps with a step of the digits that were written; those
-    at which it stays for a few samples in passing are levels of the encoder.
+    A short record of a fine encoder hardly ever shows a level twice, but all its levels lie whole steps apart. In a resampled
+    log, values lie between the encoder's levels, perhaps rounded to the digits of the file. The levels that such a log holds
+    for only a few samples are still those of the encoder.
     """
     out = np.zeros(values.shape[1])
     for k, column in enumerate(values.T):
@@ -42,10 +45,10 @@ def quantum_of(values: Array) -> Array:
 
 
 def shared_steps(logs: Sequence[Mapping[str, Array]], steps: Sequence[Mapping[str, Array]]) -> list[dict[str, Array]]:
-    """Steps of several logs of the same sensors: one that hardly moves shows none, but its levels may be those of another.
+    """Share quantisation steps between logs of the same sensors; return the steps of each log, by kind.
 
-    Logs that count otherwise, or do not count at all, keep what they show: one that was written with few digits says nothing of
-    the others.
+    A log that hardly moves shows no step, but its levels may lie on the grid of another log. A log whose levels do not lie on
+    another log's grid keeps its own step, or none: a log with few digits says nothing about the others.
 
     Args:
         logs: Channels of each log, by kind. [T, N] each.
@@ -62,7 +65,7 @@ def shared_steps(logs: Sequence[Mapping[str, Array]], steps: Sequence[Mapping[st
 
 
 def _shown_by(column: Array, own: float, others: Sequence[tuple[Array, float]]) -> float:
-    """Largest of other logs' steps in which a series counts, or else its own."""
+    """Return the largest of other logs' steps on whose grid a series lies, or else its own step. [T]."""
     held, best = np.unique(_held(column, len(column))), own
     for other, step in others:
         origin = _held(other, len(other))
@@ -72,7 +75,7 @@ def _shown_by(column: Array, own: float, others: Sequence[tuple[Array, float]]) 
 
 
 def _held(column: Array, longest: int) -> Array:
-    """Levels at which a series stays for two samples or more, up to `longest`. [T] -> [L]."""
+    """Return the levels that a series holds for at least two and at most `longest` samples. [T] -> [L]."""
     ends = np.flatnonzero(np.diff(column) != 0.0)
     first, last = np.concatenate([[0], ends + 1]), np.concatenate([ends, [len(column) - 1]])
     length = last - first + 1
@@ -80,9 +83,9 @@ def _held(column: Array, longest: int) -> Array:
 
 
 def _step_of(levels: Array) -> float:
-    """Step of which the distances of levels, in order, are whole multiples; 0 if there is none.
+    """Return the step of which all distances between neighbouring, sorted levels are whole multiples; 0 if there is none.
 
-    The step is told ever better by the distances so far, the smallest first, as each is written with few digits.
+    The smallest distance gives a first estimate, and each larger one refines it, since each is known to few digits only.
     """
     gaps = np.sort(np.diff(levels))
     total, count = 0.0, 0.0
@@ -102,6 +105,6 @@ def _on_grid(distances: Array, step: float) -> bool:
 
 
 def _decimal(step: float) -> bool:
-    """Whether a step is a power of ten: that of the digits of a file, in whatever unit it was written in, or in none."""
+    """Whether a step is a power of ten and so may come from the number of digits in the file."""
     exponent = np.log10(step)
     return bool(abs(exponent - np.round(exponent)) < 1e-3)

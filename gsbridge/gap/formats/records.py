@@ -1,4 +1,4 @@
-"""Records: what was commanded and what was measured, in SI units, checked before anything is computed from it."""
+"""Records of commands and measurements in SI units, checked before anything is computed from them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gsbridge.gap.formats.units import SLIDING
 from gsbridge.geometry import Array
 
 SHORTEST = 2.0
-"""Shortest record of a driven mechanism, s: less holds too little excitation to tell effects apart."""
+"""Shortest accepted record of a driven mechanism, s: a shorter one has too little excitation to tell effects apart."""
 
 COMMANDS = {"command": "angle", "command_velocity": "angular speed", "feedforward": "torque"}
 """Kinds of command columns, each per joint, and their dimension at a joint that turns. In torque mode `command` is a torque."""
@@ -28,7 +28,7 @@ MEASURED = {"position": "angle", "velocity": "angular speed", "effort": "torque"
 """Kinds of measured columns, each per joint."""
 
 TOOL = "tool"
-"""Kind of the measured place of one link in the base frame, m; its columns are `AXES` instead of joints."""
+"""Kind of the measured position of one link in the base frame, m; its columns are `AXES` instead of joints."""
 
 AXES = ("x", "y", "z")
 
@@ -46,15 +46,15 @@ class Record:
         joints: Names of the mechanism's joints.
         commands: Commands by kind. Each [T, N].
         measured: Measurements by kind. Each [T, N]; `tool` [T, 3].
-        sigma: Noise of one sample, by kind, where it is known. Each [N].
-        quantum: Step of the digits, by kind, 0 where there is none. Each [N].
-        tolerance: Deviation that nobody asks to be explained, by kind: what the user states, and by how much repeats of one
-            motion differ beyond the noise. Each [N].
+        sigma: Standard deviation of the noise of one sample, by kind, if it is known. Each [N].
+        quantum: Quantisation step, by kind; 0 if there is none. Each [N].
+        tolerance: Deviation that need not be explained, by kind: the one that the user states, and the one by which repeats
+            of a motion differ beyond the noise. Each [N].
         digest: SHA-256 of the file, or of the arrays.
         torque_commands: Whether `command` is a torque.
-        sliding: Those of the joints that slide, whose figures are in metres and newtons.
-        held: Joints that are logged, but held at zero in the model: how far from there they get, rad or m.
-        cut: What was left out of the log as it was read, in words; empty where all of it was taken.
+        sliding: Names of the joints that slide; their values are in metres and newtons.
+        held: Largest distance from zero, rad or m, of joints that are logged but that the model holds at zero.
+        cut: Sentence about the part of the log that was left out while reading; empty if all of it was taken.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Record:
     cut: str = ""
 
     def label(self, kind: str, number: int) -> str:
-        """Name of a channel: `position.joint`, or `tool.x`."""
+        """Return the name of a channel: `position.joint`, or `tool.x`."""
         return f"{kind}.{AXES[number] if kind == TOOL else self.joints[number]}"
 
     @property
@@ -86,16 +86,16 @@ class Record:
         return float(np.median(np.diff(self.time)))
 
     def with_measured(self, measured: Mapping[str, Array]) -> Record:
-        """A record with these commands and other measurements, by kind. [T, N] each."""
+        """Return a copy of the record with other measurements, by kind. [T, N] each."""
         return replace(self, measured=dict(measured))
 
     def part(self, first: int, end: int, name: str) -> Record:
-        """A part of the record, with a clock of its own.
+        """Return a part of the record, whose time starts from 0 again.
 
         Args:
-            first: Its first sample.
-            end: The sample behind its last.
-            name: What it is called, in brackets behind the record's name.
+            first: First sample of the part.
+            end: The sample after its last one.
+            name: Name of the part, put in brackets after the record's name.
         """
         rows = slice(first, end)
         return replace(
@@ -107,7 +107,7 @@ class Record:
         )
 
     def content_digest(self) -> str:
-        """SHA-256 over the times and commands: what a simulation of this record depends on besides its initial state."""
+        """Return the SHA-256 of times and commands: all that a simulation depends on, apart from the initial state."""
         total = hashlib.sha256(np.ascontiguousarray(self.time).tobytes())
         for kind in sorted(self.commands):
             total.update(kind.encode() + np.ascontiguousarray(self.commands[kind]).tobytes())
@@ -119,13 +119,13 @@ class Layout:
     """Names of a file's columns, and their units.
 
     Args:
-        joints: Joints of the mechanism, as its description names them.
+        joints: Joints of the mechanism, named as in its description.
         torque_mode: Whether the commands are torques.
-        columns: Our name of a column to that of the file, e.g. `position.axis` to `enc_1 [deg]`; others keep our name.
-        units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
-        torque_per_ampere: Gain of efforts logged in amperes by joint, N m/A, at a joint that slides N/A.
-        sliding: Those of the joints that slide instead of turning.
-        held: Further joints of the mechanism, which the model holds at zero, and whether they slide.
+        columns: Maps our name of a column to the file's, e.g. `position.axis` to `enc_1 [deg]`; other columns have our name.
+        units: Maps our name of a column, or only its kind, to its unit; for files whose headers state no units.
+        torque_per_ampere: Gain of efforts logged in amperes, by joint, N m/A; N/A at a joint that slides.
+        sliding: Names of the joints that slide instead of turning.
+        held: Maps further joints of the mechanism, which the model holds at zero, to whether they slide.
     """
 
     joints: tuple[str, ...]
@@ -142,7 +142,7 @@ def read_record(path: str | Path, layout: Layout) -> Record:
 
     Raises:
         InputError: The file cannot be read, a column or unit is missing, a value is not a number, the clock runs backwards, the
-            record is too short, or angles are degrees where radians are stated.
+            record is too short, or angles are in degrees although radians are stated.
     """
     path = Path(path)
     table, data = read_table(path, "record")
@@ -150,17 +150,17 @@ def read_record(path: str | Path, layout: Layout) -> Record:
 
 
 def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str, headers: bool = True) -> Record:
-    """A record from a table with our columns, or with those that the layout names.
+    """Make a record from a table with our column names, or with those that the layout maps to ours.
 
     Args:
         table: One row per sample.
-        path: Where it comes from, for its name and for errors.
-        layout: How its columns are called.
+        path: The file that it comes from, for the record's name and for error messages.
+        layout: Names and units of the columns.
         digest: SHA-256 of the file.
         headers: Whether the file is a table whose headers can state units.
 
     Raises:
-        InputError: As `read_record`.
+        InputError: For the reasons listed at `read_record`.
     """
     columns = Columns(table, path, layout.columns, layout.units, layout.torque_per_ampere, headers)
     time = columns.need("time", "time")
@@ -185,12 +185,12 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str, h
     )  # fmt: skip
     check_clock(record, path)
     check_degrees(record, path)
-    # By the digits as they were logged: a turn is no whole number of steps.
+    # Steps come from the angles as logged: a turn is not a whole number of steps, so unwrapping breaks the grid.
     return replace(_unwrapped(record), quantum={kind: quantum_of(values) for kind, values in measured.items()})
 
 
 def _unwrapped(record: Record) -> Record:
-    """A record whose joints that turn do not jump by a turn; see `gsbridge.gap.formats.branches.unwrapped`."""
+    """Remove jumps by a full turn from joints that turn; see `gsbridge.gap.formats.branches.unwrapped`."""
     measured, commands = dict(record.measured), dict(record.commands)
     angles = [(measured, "position")] + ([] if record.torque_commands else [(commands, "command")])
     columns = {kind: part[kind].copy() for part, kind in angles if kind in part}
@@ -207,7 +207,7 @@ def _unwrapped(record: Record) -> Record:
 
 
 def _held(columns: Columns, joints: Mapping[str, bool]) -> dict[str, float]:
-    """How far the joints of `joints` get from zero, rad or m; those that are not logged, or not with a unit, are left out."""
+    """Return the largest distance of joints from zero, rad or m; skip joints that are not logged, or without a unit."""
     out = {}
     for joint, slides in joints.items():
         with contextlib.suppress(InputError):
@@ -220,7 +220,7 @@ def _held(columns: Columns, joints: Mapping[str, bool]) -> dict[str, float]:
 def _per_joint(
     kind: str, dimension: str, joints: Sequence[str], columns: Columns, sliding: Collection[str] = ()
 ) -> Array | None:
-    """Columns `kind.joint` of all joints, or None if there is none of the kind.
+    """Return the columns `kind.joint` of all joints, or None if there are no columns of that kind. [T, N].
 
     Args:
         kind: First part of the columns' names, such as `position`.
@@ -246,16 +246,16 @@ def _per_joint(
 
 
 def check_clock(record: Record, source: str | Path) -> None:
-    """Refuse times that do not rise, and records of a mechanism that are too short.
+    """Refuse times that do not rise, times in an unlikely unit, and records of a mechanism that are too short.
 
     Raises:
-        InputError: The times do not rise, or the record is too short.
+        InputError: The times do not rise or seem to be in another unit, or the record is too short.
     """
     steps = np.diff(record.time)
     if len(steps) < 10:
         raise InputError(source, f"the record has {len(record.time)} rows", "A record needs many; log at 50 Hz or more")
     refuse_backwards(record.time, source, "data row {row}", still=True)
-    # Stamps of a faster or slower clock than any logger has are those of another unit.
+    # No logger samples faster or slower than this, so the times must be in another unit.
     if not 1e-5 < record.period < 1.0:
         raise InputError(
             source, f"there are {record.period:.3g} s between two samples: the times look like another unit",
@@ -272,7 +272,7 @@ def refuse_backwards(time: Array, source: str | Path, place: str, *, still: bool
     Args:
         time: Times, s. [T].
         source: Their file, for messages.
-        place: Where the clock runs backwards, with `{row}` for the number of its row, for messages.
+        place: Words for the place of the fault, with `{row}` for its row number, for messages.
         still: Whether a clock that stands still is refused, too.
 
     Raises:
@@ -282,7 +282,8 @@ def refuse_backwards(time: Array, source: str | Path, place: str, *, still: bool
     back = np.flatnonzero(steps <= 0 if still else steps < 0)
     if len(back):
         row = int(back[0])
-        # Rows in disorder lie a few periods apart; a clock that was set anew must not be sorted into what came before.
+        # Rows in the wrong order are only a few periods apart. After a larger step back the clock was reset: sorting would then
+        # mix two stretches of the log.
         anew = -steps[row] > 10 * np.median(np.abs(steps))
         does = f"runs backwards by {-steps[row]:.3g} s" if steps[row] else "stands still"
         raise InputError(
@@ -293,10 +294,10 @@ def refuse_backwards(time: Array, source: str | Path, place: str, *, still: bool
 
 
 def check_degrees(record: Record, source: str | Path, limits: Array | None = None) -> None:
-    """Refuse angles that are evidently degrees although radians are stated, or the reverse; of joints that slide, millimetres.
+    """Refuse degrees where radians are stated, and millimetres where metres are stated, or the reverse.
 
-    The slope of one channel against another that must agree tells it: speeds against the derivative of positions, positions
-    against commands, and positions against the joints' limits.
+    Channels that must agree reveal the unit: the slope of speeds against the derivative of positions, the slope of commands
+    against positions, and the range of positions against the joints' limits.
 
     Args:
         record: The record.
@@ -317,7 +318,7 @@ def check_degrees(record: Record, source: str | Path, limits: Array | None = Non
         units = ("[mm]", "[mm/s]") if slides else ("[deg]", "[deg/s]")
         pairs = {}
         if "velocity" in record.measured:
-            # Coarse differences: noise of the positions must not hide the slope.
+            # Differences over 0.05 s, so that the noise of the positions does not hide the slope.
             stride = max(1, int(0.05 / record.period))
             rate = (position[stride:, k] - position[:-stride, k]) / (record.time[stride:] - record.time[:-stride])
             pairs["velocity"] = (record.measured["velocity"][stride // 2 : stride // 2 + len(rate), k], rate)
@@ -342,13 +343,14 @@ def check_degrees(record: Record, source: str | Path, limits: Array | None = Non
 
 
 def doubtful_degrees(record: Record, limits: Array | None = None) -> list[str]:
-    """Joints whose angles may be degrees although radians are stated, and nothing in the record tells: what to ask the user.
+    """Return questions to the user about joints whose angles may be in degrees although radians are stated.
 
-    A joint without limits may well turn many times; one that swings by more than two turns is worth a question.
+    They concern joints without limits that move through more than two turns. Such a joint may well turn many times, so the
+    record alone cannot decide.
 
     Args:
         record: The record.
-        limits: Lower and upper limits of the joints, rad. [N, 2].
+        limits: Lower and upper limits of the joints, rad; None if they are not known. [N, 2].
     """
     position = record.measured.get("position")
     if position is None:
@@ -365,7 +367,7 @@ def doubtful_degrees(record: Record, limits: Array | None = None) -> list[str]:
 
 
 def _slope(values: Array, against: Array) -> float | None:
-    """Slope of two series that follow each other closely, None for others."""
+    """Return the absolute slope of `values` against `against` if they are closely correlated, else None. Both [T]."""
     a, b = values - values.mean(), against - against.mean()
     if b.std() < 1e-6 or a.std() == 0 or abs(np.mean(a * b)) < 0.8 * a.std() * b.std():
         return None

@@ -1,4 +1,4 @@
-"""Records as the workflow keeps them between its rules: one file that holds every field of every record."""
+"""Storage of records between the rules of the workflow: one file with every field of every record."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gsbridge.reading import refusing
 
 
 def save_records(path: str | Path, records: Mapping[str, Record]) -> None:
-    """Write records, whole or not at all.
+    """Write records to a file, atomically.
 
     Args:
         path: The file (`.npz`).
@@ -32,7 +32,7 @@ def save_records(path: str | Path, records: Mapping[str, Record]) -> None:
             if isinstance(value, np.ndarray):
                 arrays[f"{role}/{item.name}"] = value
             elif isinstance(value, Mapping) and any(isinstance(part, np.ndarray) for part in value.values()):
-                # A field of arrays by name, of which some may be plain.
+                # A mapping that contains arrays; its plain values are stored as arrays, too.
                 plain[role][item.name] = {"order": list(value)}
                 arrays |= {f"{role}/{item.name}/{key}": np.asarray(part) for key, part in value.items()}
             else:
@@ -42,7 +42,7 @@ def save_records(path: str | Path, records: Mapping[str, Record]) -> None:
 
 
 def load_records(path: str | Path) -> dict[str, Record]:
-    """Read records back, as they were.
+    """Read back the records that `save_records` wrote, by role.
 
     Raises:
         InputError: The file is missing or damaged.
@@ -62,6 +62,6 @@ def _record(role: str, plain: Mapping[str, Any], data: Mapping[str, Array]) -> R
         elif "order" in stored:
             values[item.name] = {key: data[f"{role}/{item.name}/{key}"] for key in stored["order"]}
         else:
-            # JSON knows no tuples.
+            # JSON stores tuples as lists.
             values[item.name] = tuple(stored["value"]) if isinstance(stored["value"], list) else stored["value"]
     return Record(**values)

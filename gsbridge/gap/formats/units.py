@@ -21,19 +21,19 @@ FACTORS: dict[str, dict[str, float]] = {
 """Factor to SI of each unit, by dimension. Amperes become torque or force only with a gain, which the case has to state."""
 
 CURRENTS = {"A": 1.0, "mA": 1e-3}
-"""Units of currents, and their amperes."""
+"""Units of current, and their factors to amperes."""
 
 SLIDING = {"angle": "length", "angular speed": "speed", "torque": "force"}
-"""Dimension at a joint that slides of each that belongs to one that turns."""
+"""Maps each dimension at a joint that turns to the corresponding one at a joint that slides."""
 
 HEADER = "Write it into the header, or under 'units' of the case"
-"""Place at which a table states its units."""
+"""Advice on where to state the unit of a table's column."""
 
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*$")
 
 
 def split_header(header: str) -> tuple[str, str | None]:
-    """Name and unit of a column called `name [unit]`; the unit is None where the header has none."""
+    """Split a header `name [unit]` into name and unit; the unit is None if the header has none."""
     found = _HEADER.match(header)
     if not found:
         return header.strip(), None
@@ -44,18 +44,18 @@ def split_header(header: str) -> tuple[str, str | None]:
 def factor_to_si(
     unit: str | None, dimension: str, source: str | Path, column: str, gain: float | None = None, where: str = HEADER
 ) -> float:
-    """Factor by which a column is multiplied.
+    """Return the factor that converts a column to SI units.
 
     Args:
-        unit: Unit as the file states it; None when it states none.
+        unit: Unit as the file states it; None if it states none.
         dimension: A key of `FACTORS`.
         source: The file, for messages.
         column: The column, for messages.
         gain: N m or N per ampere, for efforts in amperes.
-        where: Where a unit can be stated that the file lacks, for messages.
+        where: Advice on where to state a missing unit, for messages.
 
     Raises:
-        InputError: No unit, an unknown one, or amperes without a gain.
+        InputError: The unit is missing or unknown, or it is a current and there is no gain.
     """
     known = FACTORS[dimension]
     names = ", ".join(f"[{name}]" for name in known if name)

@@ -1,4 +1,4 @@
-"""A case's or a model's YAML file, read with one clear sentence for whatever is wrong with it."""
+"""Reader for the YAML files of cases and models, with one clear sentence for each possible fault."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from gsbridge.errors import InputError
 from gsbridge.reading import YAML_LOADER, load_yaml
 
 _AS_TEXT = re.compile(r"[-+]?((0|[1-9]\d*)(\.\d*)?|\.\d+)([eE][-+]?\d+)?|[-+]?inf")
-"""Numbers that YAML 1.1 takes for text, as `5e-4`, which has no point before its exponent, `inf`, and whatever is in quotes."""
+"""Numbers that YAML 1.1 reads as text: `5e-4` (it has no point before its exponent), `inf`, and any number in quotes."""
 
 
 _MISREAD = re.compile(r"[-+]?(0[0-7_]+|\d[\d_]*(:[0-5]?\d)+(\.\d*)?)")
-"""Plain numbers that YAML 1.1 takes for another than is written: 060 for 48, 1:30 for 90."""
+"""Unquoted text that YAML 1.1 reads as a different number than it shows: 060 as 48, 1:30 as 90."""
 
 
 def plain_number(value: Any) -> float | None:
-    """A number as a YAML file holds it; None for whatever is none, as other text and truth values. `5e-4` is one."""
+    """Convert a value from a YAML file to a number; None if it is not one (other text, truth values). `5e-4` is a number."""
     if isinstance(value, str) and _AS_TEXT.fullmatch(value):
         return float(value)
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -36,39 +36,39 @@ def plain_number(value: Any) -> float | None:
 
 
 def stated_number(value: Any, low: float, high: float, key: str, unit: str, source: str | Path) -> float:
-    """A number of a case or a model, within its range.
+    """Return a number from a case or a model after checking its range.
 
     Args:
-        value: Value as the file holds it.
-        low, high: The range.
-        key: Where it stands in the file, for messages.
+        value: Value as read from the file.
+        low, high: The range, in `unit`.
+        key: Its key in the file, for messages.
         unit: Its unit, for messages.
         source: The file, for messages.
 
     Raises:
-        InputError: It is no number, not finite, or out of range.
+        InputError: The value is not a number, not finite, or out of range.
     """
     number = plain_number(value)
     return checked_number(value if number is None else number, low, high, key, unit, str(source))
 
 
 def read_yaml(path: str | Path, what: str, page: str) -> Any:
-    """Content of a YAML file.
+    """Read the content of a YAML file.
 
     Args:
         path: The file.
-        what: What it is, for the message: `case`, `model`.
-        page: Documentation that shows how it should look.
+        what: Word for the kind of file, for messages: `case`, `model`.
+        page: Page of the documentation that shows the layout, for messages.
 
     Raises:
-        InputError: The file cannot be read, is no YAML (with the line), a key stands twice in one block, or a number would be
-            read as another than is written.
+        InputError: The file cannot be read, is not YAML (the message names the line), has a key twice in one block, or YAML
+            reads a number as a different one than the file shows.
     """
     content = load_yaml(path, what, f"Check the path, or see how {page} writes it")
     for event in yaml.parse(Path(path).read_text(encoding="utf-8"), Loader=YAML_LOADER):
         if not (isinstance(event, yaml.ScalarEvent) and event.implicit[0] and _MISREAD.fullmatch(event.value)):
             continue
-        # Some of them it takes for text, as 09:30.
+        # YAML reads some of these as text, such as 09:30, which is harmless.
         if not isinstance(yaml.safe_load(event.value), str):
             line = event.start_mark.line + 1 if event.start_mark else 1
             raise InputError(
@@ -79,16 +79,16 @@ def read_yaml(path: str | Path, what: str, page: str) -> Any:
 
 
 def read_case_file(path: str | Path, page: str, measured: str, known: Collection[str]) -> Mapping[str, Any]:
-    """Content of a case: a model and what was measured.
+    """Read the content of a case's file, which names a model and measurements.
 
     Args:
         path: The file.
-        page: Documentation that shows how it should look.
-        measured: Key of the section that names what was measured.
+        page: Page of the documentation that shows the layout, for messages.
+        measured: Key of the section that names the measurements.
         known: All keys that a case may have.
 
     Raises:
-        InputError: The file cannot be read, 'model' or the section is missing, or a key is unknown.
+        InputError: The file cannot be read, 'model' or the section `measured` is missing, or a key is unknown.
     """
     content = read_yaml(path, "case", page)
     for key in content if isinstance(content, Mapping) else ():
