@@ -1,4 +1,4 @@
-"""The account of a gap between throws: the effects that explain it, in order, and how sure each is."""
+"""Account of a gap between throws: the effects that explain it, in order, and how sure each is."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsbridge.gap.contact.search import mean_error
 from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, AccountEntry, Candidate, GapAccount
 
 _PLACES = dict(zip(PHASES, ("in flight", "at the first impact", "behind the first impact"), strict=True))
-"""Phases in words."""
+"""Names of the phases in words."""
 
 
 @dataclass(frozen=True, order=True)
@@ -34,16 +34,16 @@ def throw_account(
     spans: Sequence[Mapping[str, tuple[float, float]]],
     figures: Sequence[Mapping[str, tuple[float, float]]],
 ) -> GapAccount:
-    """Take account of a gap: the best explanation, effect by effect, in the order in which they close it on `select`.
+    """Make the account of a gap: the best explanation, effect by effect, the one that closes most of it on `select` first.
 
     Args:
         effects: The best explanation.
-        sure: The verdict about it, and names of the explanations that are not clearly behind.
-        floor: Mean weighed distance that noise, chaos and the engine's choices explain, m.
-        select: Throws that chose the effects, weighed.
-        verify: Throws that neither fitting nor choosing has seen, weighed.
+        sure: The verdict about it, and names of the explanations that are not clearly worse.
+        floor: Mean weighted distance that noise, chaos and the engine's choices explain, m.
+        select: Throws on which the effects were chosen, weighted.
+        verify: Throws that are held out from fitting and choosing, weighted.
         spans: 90 % intervals of the parameters, by effect.
-        figures: What the body's figures were and become, by effect and parameter.
+        figures: Old and new value of the body's figures, by effect and parameter.
     """
     order, left = list[int](), list(range(len(effects)))
     while left:

@@ -1,4 +1,4 @@
-"""Bank of grids: what each effect makes of a few throws, at several sizes; made once per body and throws, kept in a folder."""
+"""Bank of grids: simulations of a few throws with each effect at several sizes, made once per body and throws, kept on disk."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from gsbridge.gap.contact.world import Flight
 from gsbridge.geometry import Array
 
 FEW = 20
-"""Throws of `fit` on which grids are walked."""
+"""Number of throws of `fit` on which grids are simulated."""
 
 
 @dataclass(frozen=True)
 class GridBank:
-    """Grids that were walked.
+    """Simulated grids of effects.
 
     Args:
-        names: Effects that were looked at.
-        matches: The best point of each, the best first.
-        runs: Simulations that making it took, in passes over all throws of the role.
+        names: Names of the effects.
+        matches: The best grid point of each effect, the best first.
+        runs: Number of simulations needed to make the bank, in passes over all throws of the role.
     """
 
     names: tuple[str, ...]
@@ -39,21 +39,21 @@ class GridBank:
     runs: float
 
     def seen(self, replay: ThrowReplay) -> list[GridMatch]:
-        """Effects that move the replay of these throws by more than noise, the best first."""
+        """Return the matches of effects that move the replay of these throws by more than noise, the best first."""
         return [match for match in self.matches if match.change > 3.0 * replay.noise.position]
 
     def unseen(self, replay: ThrowReplay) -> tuple[str, ...]:
-        """Names of the effects that do not show in these throws."""
+        """Return the names of the effects that do not show in these throws."""
         return tuple(sorted(set(self.names) - {match.effect.name for match in self.seen(replay)}))
 
 
 def grid_bank(replay: ThrowReplay, names: Collection[str] | None, folder: str | Path) -> GridBank:
-    """Walk the grids of all effects on the first throws, from `folder` where that was done before.
+    """Simulate the grids of all effects on the first `FEW` throws, or read them from `folder`.
 
     Args:
-        replay: Throws of `fit`; its part of `FEW` throws remembers every point.
-        names: Effects that may be the reason; None for all of a body.
-        folder: Keeps banks from run to run.
+        replay: Throws of `fit`; the part with its first `FEW` throws caches every grid point.
+        names: Effects to consider; None for all effects of a body.
+        folder: Folder that keeps banks from run to run.
     """
     few, who = replay.part(FEW), body_effects(replay, names)
     path = Path(folder) / f"{_key(few, who)}.npz"
@@ -63,12 +63,12 @@ def grid_bank(replay: ThrowReplay, names: Collection[str] | None, folder: str | 
     if found is None:
         before = few.runs
         found = np.stack([_rows(few.flights(effects)) for effects in keys.values()]).astype(np.float32)
-        # They count as the bank's, whoever happens to make it.
+        # Do not count these simulations here: they are reported as the bank's, whether it is made or read.
         few.runs = before
         with atomic_file(path) as temporary, open(temporary, "wb") as stream:
             np.savez_compressed(stream, flights=found)
     counts = np.cumsum([len(time) for time in few.times])[:-1]
-    # Those that were just made are replaced too, so that a bank that was read gives the same figures.
+    # New flights are replaced by their stored (float32) values, too, so that making and reading a bank give equal results.
     few.remember({key: _flights(rows, counts) for key, rows in zip(keys, found, strict=True)})
     matches = sorted((screen(few, name) for name in who), key=lambda match: match.error)
     return GridBank(who, tuple(matches), len(keys) * len(few) / len(replay))
@@ -76,12 +76,12 @@ def grid_bank(replay: ThrowReplay, names: Collection[str] | None, folder: str | 
 
 @functools.cache
 def _edition() -> str:
-    """Digest of the code that makes a bank, effects and simulation included: no flight that other code made is read."""
+    """Return the digest of the code that makes a bank (effects and simulation), so that flights of other code are not read."""
     return code_digest(__name__)
 
 
 def _key(few: ThrowReplay, who: Collection[str]) -> str:
-    """Digest of all that a bank depends on."""
+    """Return the digest of all that a bank depends on."""
     total = hashlib.sha256(f"{_edition()} {few.body.digest()} {few.horizon} {list(who)}".encode())
     for path in few.body.meshes:
         total.update(path.read_bytes())
@@ -94,7 +94,7 @@ def _key(few: ThrowReplay, who: Collection[str]) -> str:
 
 
 def _rows(flights: list[Flight]) -> Array:
-    """Positions, attitudes and touch of all samples. [S, 8]."""
+    """Return positions, attitudes and touch of all samples, throw after throw. [S, 8]."""
     parts = [np.concatenate([f.position, f.quat, f.touched[:, None]], axis=1) for f in flights]
     return np.concatenate(parts)
 
@@ -105,7 +105,7 @@ def _flights(rows: Array, edges: Array) -> list[Flight]:
 
 
 def _read(path: Path, count: int) -> Array | None:
-    """What a bank holds; None where it is damaged, and then it goes."""
+    """Read a bank's flights; delete a damaged bank and return None."""
     try:
         with np.load(path) as data:
             found = data["flights"]

@@ -1,4 +1,4 @@
-"""A free body on a surface as it is simulated: shape, mass properties, contact, and the effects added to it."""
+"""Model of a free body on a surface: shape, mass properties, contact, and the effects added to it."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from gsbridge.reading import load_yaml, refusing, regular_file
 from gsbridge.robot.urdf import description_of, read_origin
 
 _LARGEST = 10.0
-"""Longest edge of a body that somebody may throw, m: beyond it, lengths must be in another unit."""
+"""Longest accepted edge of a thrown body, m; if one is longer, lengths must be in another unit."""
 
 MOST = 1e9
-"""Largest figure of a model in SI units; larger ones are slips, and their squares would soon be endless."""
+"""Largest accepted value in a model, in SI units; larger ones are mistakes, and their squares would soon overflow."""
 
 _STEEPEST = 1.5
-"""Largest tilt of a surface, rad."""
+"""Largest accepted tilt of a surface, rad."""
 
 _FASTEST = 1e5
-"""Largest number of steps per second: at more, a throw takes minutes."""
+"""Largest accepted number of steps per second: with more, one throw takes minutes."""
 
 MODE = "body"
-"""`controller.mode` of a model whose body nothing drives."""
+"""Value of `controller.mode` for a body that nothing drives."""
 
 CONTACT = ("friction", "restitution", "rolling_friction", "spinning_friction")
-"""What a model says of the contact besides its softness."""
+"""Keys of a model's contact, apart from its softness."""
 
 _KEYS = (
     "urdf", "box", "mass", "centre_of_mass", "inertia", "controller", "surface", "contact", "damping", "gravity",
@@ -49,10 +49,10 @@ _LENGTHS = {
     "box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": 3},
 }  # fmt: skip
-"""Shapes of a URDF, with the number of values of what says how large they are."""
+"""Shapes of a URDF: the attributes that give their size, and the number of values in each."""
 
 _READ = (".obj", ".ply", ".stl")
-"""Meshes whose content is looked at; others are PyBullet's to read."""
+"""File types of meshes whose size is checked here; only PyBullet reads other types."""
 
 _SECTIONS = {
     "controller": ("mode",),
@@ -71,10 +71,10 @@ class FreeBody:
         shapes: The body's `collision` elements, as in a URDF, with absolute paths of meshes.
         mass: Mass, kg.
         com: Centre of mass in the body frame, m. [3].
-        inertia: About the centre of mass, along the axes of the body frame, kg m2. [3, 3].
-        figures: Nominal contact, surface, losses and gravity, by the names of `gsbridge.gap.contact.setup`.
+        inertia: Inertia about the centre of mass, along the axes of the body frame, kg m2. [3, 3].
+        figures: Nominal contact, surface, losses and gravity, by the names in `gsbridge.gap.contact.setup.BOUNDS`.
         physics_rate: Steps of the engine per second.
-        effects: What was added.
+        effects: Effects that the model already contains.
     """
 
     source: Path
@@ -87,26 +87,26 @@ class FreeBody:
     effects: tuple[Applied, ...] = ()
 
     def digest(self) -> str:
-        """SHA-256 over everything that a simulation depends on but the contents of meshes."""
+        """Return the SHA-256 of everything that a simulation depends on, except the contents of meshes."""
         parts = [self.shapes, self.mass, self.com.tolist(), self.inertia.tolist(), dict(self.figures), self.physics_rate]
         text = json.dumps([*parts, [effect.record() for effect in self.effects]], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     @property
     def meshes(self) -> tuple[Path, ...]:
-        """Files that its shapes name."""
+        """Mesh files that the shapes name."""
         elements = (ElementTree.fromstring(shape) for shape in self.shapes)
         return tuple(Path(mesh.attrib["filename"]) for element in elements for mesh in element.iter("mesh"))
 
     def urdf(self, mass: float, com: Array, inertia_factor: float, size: float) -> str:
-        """A URDF of the body with these mass properties and all lengths of its shape multiplied by `size`.
+        """Return a URDF of the body with these mass properties and all lengths of its shape multiplied by `size`.
 
-        The inertia is given along its principal axes, since readers differ in how they take one that is not diagonal.
+        The inertia is given along its principal axes, since URDF readers differ in how they treat off-diagonal elements.
 
         Args:
             mass: Mass, kg.
             com: Centre of mass, body frame, m. [3].
-            inertia_factor: Factor on the model's inertia for equal mass.
+            inertia_factor: Factor on the model's inertia, in addition to the one from the changed mass.
             size: Factor on all lengths of the shape.
         """
         moments, axes = np.linalg.eigh(self.inertia * inertia_factor * mass / self.mass)
@@ -121,7 +121,7 @@ class FreeBody:
 
 
 def _roll_pitch_yaw(turn: Array) -> Array:
-    """Angles of a URDF, rad, also where pitch is a right angle and only the sum of the others is known. [3, 3] -> [3]."""
+    """Return the roll, pitch and yaw of a rotation, rad; yaw is 0 if pitch is a right angle (gimbal lock). [3, 3] -> [3]."""
     level = np.hypot(turn[0, 0], turn[1, 0])
     pitch = np.arctan2(-turn[2, 0], level)
     if level < 1e-9:
@@ -134,7 +134,7 @@ def _text(values: Array) -> str:
 
 
 def _scaled(shape: str, size: float) -> str:
-    """A `collision` element with all its lengths multiplied."""
+    """Return a `collision` element with all its lengths multiplied by `size`."""
     element = ElementTree.fromstring(shape)
     for item in element.iter():
         for key in ("xyz", "size", "radius", "length", "scale"):
@@ -144,7 +144,7 @@ def _scaled(shape: str, size: float) -> str:
 
 
 def is_body(path: str | Path) -> bool:
-    """Whether a model file describes a free body, so that its case belongs here."""
+    """Whether a model file describes a free body."""
     try:
         content = load_yaml(path, "model", "See docs/gap_objects.md")
     except InputError:
@@ -165,15 +165,15 @@ def read_body(path: str | Path) -> FreeBody:
 
 
 def parse_body(content: Any, folder: Path, source: str | Path = "model") -> FreeBody:
-    """A free body from the content of its file.
+    """Make a free body from the content of its file.
 
     Args:
         content: Content of the file.
-        folder: Folder that the path of its URDF starts from.
+        folder: Folder that the path of its URDF is relative to.
         source: File, for messages.
 
     Raises:
-        InputError: As `read_body`.
+        InputError: For the reasons listed at `read_body`.
     """
     source = Path(source)
     _check(content, _KEYS, source, "")
@@ -224,22 +224,22 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
 
 
 def number(value: Any, source: str | Path, key: str, low: float = -MOST, high: float = MOST) -> float:
-    """A number of a file.
+    """Return a number from a file after checking it.
 
     Args:
-        value: What the file holds.
+        value: Value as read from the file.
         source: File, for messages.
-        key: Name of the value in the file.
+        key: Name of the value in the file, for messages.
         low, high: Smallest and largest value that is allowed.
 
     Raises:
-        InputError: It is none, or out of bounds.
+        InputError: The value is not a number, or out of bounds.
     """
     return stated_number(value, low, high, key, "", source)
 
 
 def _check(content: Any, known: tuple[str, ...], source: Path, prefix: str) -> None:
-    """Refuse a section that is none, or has an unknown key."""
+    """Refuse a section that is not a mapping, or has an unknown key."""
     if not isinstance(content, Mapping):
         raise InputError(source, f"'{prefix.rstrip('.') or 'the model'}' is no section", "Correct it after docs/gap_objects.md")
     for key in content:
@@ -248,7 +248,7 @@ def _check(content: Any, known: tuple[str, ...], source: Path, prefix: str) -> N
 
 
 def _row(values: Any, default: Array, source: Path, key: str, low: float = -_LARGEST, high: float = _LARGEST) -> Array:
-    """Numbers of a key, each within bounds."""
+    """Return the numbers of a key, each within bounds; `default` if the key is missing."""
     if values is None:
         return default
     if not isinstance(values, list) or len(values) != len(default):
@@ -257,7 +257,7 @@ def _row(values: Any, default: Array, source: Path, key: str, low: float = -_LAR
 
 
 def _box(content: Mapping[str, Any], source: Path) -> tuple[tuple[str, ...], float, Array, Array]:
-    """A solid box."""
+    """Return shapes, mass (kg), centre of mass (m) and inertia (kg m2) of a solid box."""
     edges = _row(content["box"], np.zeros(3), source, "box", -MOST, MOST)
     if "mass" not in content or (edges <= 0).any():
         raise InputError(source, "a box needs 'mass' (kg) and three edges above zero (m)", "State them")
@@ -269,10 +269,14 @@ def _box(content: Mapping[str, Any], source: Path) -> tuple[tuple[str, ...], flo
 
 
 def _link(path: Path, source: Path) -> tuple[tuple[str, ...], float, Array, Array]:
-    """Shapes and mass properties of a URDF of one link, which the model `source` names.
+    """Read shapes, mass (kg), centre of mass (m) and inertia (kg m2) from a URDF with one link.
+
+    Args:
+        path: File of the URDF.
+        source: File of the model that names it, for messages.
 
     Raises:
-        InputError: It cannot be read, has several links, no shape or no mass.
+        InputError: The URDF cannot be read, or has several links, no shape or no mass.
     """
     description = description_of(read_description_root(path, "urdf", source), path)
     if len(description.links) != 1:
@@ -291,10 +295,10 @@ def _link(path: Path, source: Path) -> tuple[tuple[str, ...], float, Array, Arra
 
 
 def _check_shape(collision: ElementTree.Element, path: Path) -> None:
-    """Check a `collision` element of a URDF, and give the paths of its meshes from the root.
+    """Check a `collision` element of a URDF, and make the path of its mesh absolute.
 
     Raises:
-        InputError: It has no shape or an unknown one, a length that is none, or a mesh that cannot be read.
+        InputError: The element has not exactly one known shape, has an invalid length, or a mesh that cannot be read.
     """
     solids = [element for element in collision.findall("geometry/*") if element.tag in _LENGTHS]
     if len(solids) != 1:
@@ -311,7 +315,7 @@ def _check_shape(collision: ElementTree.Element, path: Path) -> None:
             lengths = [float(word) for word in solid.get(key, "").split()]
         except ValueError:
             lengths = []
-        # A mesh may be in any unit, and mirrored.
+        # The scale of a mesh may convert any unit, and may be negative (mirrored).
         sizes, most = (np.abs(lengths), MOST) if key == "scale" else (np.array(lengths), _LARGEST)
         if len(lengths) != count or not ((sizes > 0.0) & (sizes <= most)).all():
             what = f'the {solid.tag} of a collision element has {key}="{solid.get(key, "")[:80]}"'

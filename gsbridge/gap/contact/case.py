@@ -22,22 +22,22 @@ from gsbridge.gap.formats.yaml_file import read_case_file
 from gsbridge.reading import refusing
 
 _LONGEST = 60.0
-"""Longest stretch of a throw that is replayed, s: chaos has long taken over."""
+"""Largest accepted horizon, s; chaos dominates a replay long before."""
 
 _KEYS = ("model", "records", "columns", "units", "effects", "horizon")
 
 
 @dataclass(frozen=True)
 class ThrowCase:
-    """A case of throws, checked.
+    """A checked case of throws.
 
     Args:
-        model: The model file.
-        body: Content of the model's file.
+        model: The model's file.
+        body: The model.
         throws: Throws by role.
-        names: Effects that may be the reason; None for all.
-        horizon: Length that is replayed, s.
-        reasons: Why its result is degraded.
+        names: Effects to consider; None for all.
+        horizon: Length of each throw that is replayed, s.
+        reasons: Why the result is degraded.
     """
 
     model: Path
@@ -79,10 +79,10 @@ def _throw_case(path: Path) -> ThrowCase:
 
 
 def split_throws(throws: Mapping[str, Throws], source: str | Path) -> tuple[dict[str, Throws], tuple[str, ...]]:
-    """Three roles from fewer, cut in the order of the throws, which is marked.
+    """Make up missing roles by cutting one set of throws in order; return all roles and a reason that says so.
 
     Raises:
-        InputError: A role would have too few throws.
+        InputError: There are no throws `fit`, or a role would have too few throws.
     """
     out = dict(throws)
     reasons: tuple[str, ...] = ()

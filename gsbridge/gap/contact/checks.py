@@ -1,4 +1,4 @@
-"""Throws that contradict themselves or gravity: units, axes and clocks that are others than stated."""
+"""Checks of throws for units, axes and clocks that differ from the stated ones, by their own motion and by gravity."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from gsbridge.gap.contact.throws import Throws
 from gsbridge.geometry import Array, rotation_from_quat
 
 SLOWEST = 0.05
-"""Longest time between two samples, s: contact is over before."""
+"""Longest accepted time between two samples, s: with a longer one, a contact falls between samples."""
 
 _APART = 3.0
-"""Factor by which logged speeds may differ from those of the poses."""
+"""Factor by which logged speeds may differ from the speeds of the poses."""
 
 _DEGREES = 180.0 / np.pi
 
 
 def check_throws(throws: Throws, gravity: float, source: str | Path) -> None:
-    """Refuse throws whose clock, lengths, axes or speeds are evidently others than stated.
+    """Refuse throws whose clock, lengths, axes or speeds evidently differ from what is stated.
 
     Args:
         throws: Throws.
-        gravity: m/s2.
+        gravity: Gravity, m/s2.
         source: Their file, for messages.
 
     Raises:
@@ -37,10 +37,10 @@ def check_throws(throws: Throws, gravity: float, source: str | Path) -> None:
 
 
 def check_clock(throws: Throws, source: str | Path) -> None:
-    """Refuse samples that are too rare to show a contact.
+    """Refuse throws that are sampled too slowly to show a contact.
 
     Raises:
-        InputError: Samples are too rare; the message names the unit if times look like milliseconds or finer.
+        InputError: Sampling is too slow; the message names the unit if times look like milliseconds or finer.
     """
     step = float(np.median(np.concatenate([np.diff(throw.time) for throw in throws.items])))
     if step <= SLOWEST:
@@ -54,11 +54,11 @@ def check_clock(throws: Throws, source: str | Path) -> None:
 
 
 def check_fall(throws: Throws, gravity: float, source: str | Path) -> None:
-    """Refuse logs whose lengths or axes are evidently others than stated: in flight a body falls along -z by what gravity says.
+    """Refuse logs with a wrong unit of length or wrong axes: in flight, a body falls along -z with gravity's acceleration.
 
     Args:
-        throws: Throws; those that slide from the start say nothing and pass.
-        gravity: m/s2.
+        throws: Throws; they pass unchecked if most bodies slide from the start.
+        gravity: Gravity, m/s2.
         source: Their file, for messages.
 
     Raises:
@@ -78,17 +78,17 @@ def check_fall(throws: Throws, gravity: float, source: str | Path) -> None:
 
 
 def check_speeds(throws: Throws, source: str | Path) -> None:
-    """Refuse logged start speeds that are many times those of the poses, or stand in the body's own axes.
+    """Refuse logged start speeds that differ from those of the poses by a large factor, or are given in the body's axes.
 
     Raises:
-        InputError: Speeds contradict the poses.
+        InputError: The speeds contradict the poses.
     """
     if any(throw.velocity is None or throw.spin is None for throw in throws.items):
         return
     fits = [parabolas(throw) for throw in throws.items]
     starts, _ = starts_of(throws)
     seen = (np.stack([fit.speed for fit in fits]), np.stack([fit.spin for fit in fits]))
-    # Speeds of the poses are as good as this; what is slower than that says nothing.
+    # Standard deviations of the poses' speeds; throws that are hardly faster than that cannot be checked.
     spreads = [
         float(np.median([gain * np.sqrt(squares) for gain, squares in rows]))
         for rows in ([(fit.gain, fit.squares[0]) for fit in fits], [(fit.turning, fit.squares[1]) for fit in fits])
@@ -114,5 +114,5 @@ def check_speeds(throws: Throws, source: str | Path) -> None:
 
 
 def _size(rows: Array) -> float:
-    """Median length. [N, 3]."""
+    """Return the median length of vectors. [N, 3]."""
     return float(np.median(np.linalg.norm(rows, axis=1)))

@@ -1,4 +1,4 @@
-"""From a body and three sets of throws to a diagnosis: compare, screen, identify, verify."""
+"""Diagnosis of a thrown body from three sets of throws: compare, screen, identify, verify."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from gsbridge.gap.diagnosis.findings import Account, Diagnosis, digits_of
 from gsbridge.gap.diagnosis.results import ROLES, AccountEntry, Verification
 
 _HOLDS = 2.0 / 3.0
-"""Share of the gap, in weighed distances, that a name must close on throws which neither fitting nor choosing has seen: a small
-loss of speed takes up half of what a softer contact does."""
+"""Share of the gap, in weighted distances, that a named effect must close on `verify`. A wrong one may close half: a small
+loss of speed does so for the gap of a softer contact."""
 
 
 def diagnose_throws(
@@ -45,16 +45,16 @@ def diagnose_throws(
     Args:
         body: The model.
         throws: Throws by role: `fit`, `select`, `verify`.
-        bank_folder: Keeps grids from run to run.
-        names: Effects that may be the reason; None for all of a body.
-        rules: Thresholds.
-        horizon: Length that is replayed, s.
-        seed: Seed of replicates and bootstraps.
+        bank_folder: Folder that keeps grids from run to run.
+        names: Effects to consider; None for all effects of a body.
+        rules: Thresholds; None for the defaults.
+        horizon: Length of each throw that is replayed, s.
+        seed: Random seed of replicates and bootstraps.
     """
     begin = time.perf_counter()
     first, select, third = (ThrowReplay(body, throws[role], horizon) for role in ROLES)
     replays = (first, select, third)
-    # One tracker measured them all.
+    # One tracker measured all sets, so their logged speeds have the same noise.
     for replay, noise in zip(replays, pooled_speeds([replay.noise for replay in replays]), strict=True):
         replay.noise = noise
     bank = grid_bank(first, names, bank_folder)
@@ -88,14 +88,14 @@ def diagnose_throws(
 
 
 def _changes(body: FreeBody, effects: tuple[Applied, ...]) -> list[dict[str, tuple[float, float]]]:
-    """What the body's own figures were and become, by effect and parameter."""
+    """Return the old and new value of the body's own figures, by effect and parameter."""
     was, became = (body_setup(body, added).figures for added in ((), effects))
     named = [BODY_EFFECTS[applied.name].figures for applied in effects]
     return [{key: (was[figure], became[figure]) for key, figure in figures.items()} for figures in named]
 
 
 class ThrowAccount(Account):
-    """Puts findings about a thrown body into words and figures, lengths in millimetres."""
+    """Turns findings about a thrown body into words and figures, with lengths in millimetres."""
 
     effects = BODY_EFFECTS
     unit = "mm"
@@ -106,7 +106,7 @@ class ThrowAccount(Account):
     unexcited = "No difference shows, but most effects could not show in these throws: let the body hit, slide and turn."
 
     def sentence(self, diagnosis: Diagnosis) -> str:
-        """The finding in words."""
+        """Return the finding as a sentence."""
         finding = diagnosis.finding
         if finding.verdict != "not_attributable":
             return super().sentence(diagnosis)
@@ -117,7 +117,7 @@ class ThrowAccount(Account):
         )
 
     def doubts(self, diagnosis: Diagnosis) -> tuple[str, ...]:
-        """Why a finding is less than an answer."""
+        """Return the reason why a finding that cannot be attributed is a degraded result."""
         if diagnosis.finding.verdict != "not_attributable":
             return ()
         return (f"{self._apart(diagnosis)}, which no known effect explains",)
@@ -127,11 +127,11 @@ class ThrowAccount(Account):
         return f"simulated and measured throws are {gap} apart, where noise and chaos explain {floor}"
 
     def unit_of(self, parameter: Parameter) -> str:
-        """Unit of a parameter; shares have none."""
+        """Return the unit of a parameter; empty for shares."""
         return "" if parameter.unit == "1" else parameter.unit
 
     def lacks(self, item: Mapping[str, Any]) -> str:
-        """Sentence on what figures of the model become."""
+        """Return the words for the new values of the model's figures; `item` is an entry of `describe`."""
         share, alone = BODY_EFFECTS[item["name"]].relative, len(item["parameters"]) == 1
         figures = ", ".join(
             _figure("" if alone else name.replace("_", " "), row, share) for name, row in item["parameters"].items()
@@ -139,19 +139,19 @@ class ThrowAccount(Account):
         return f"{item['title'][0].upper()}{item['title'][1:]}: {figures}"
 
     def _line(self, entry: AccountEntry) -> str:
-        """An entry in a sentence: what its figures become, and its share."""
+        """Return an entry as part of a sentence: the new values of its figures, and its share."""
         text = self.lacks(self._entry(entry))
         return f"{text[0].lower()}{text[1:]} ({100 * entry.share:.0f} %)"
 
     def change(self, checked: Verification) -> str:
-        """Sentence on how the distance changes on `verify`."""
+        """Return the words for how the mean distance changes on `verify`."""
         verb = "falls" if checked.after <= checked.before else "rises"
         sizes = f"{1e3 * checked.before:.3g} to {1e3 * checked.after:.3g} mm"
         return f"the mean distance {verb} from {sizes} on throws it has not seen"
 
 
 def _figure(name: str, row: Mapping[str, Any], share: bool) -> str:
-    """What a figure of the model becomes, with half the width of its interval, and what it was; shares in per cent."""
+    """Return the new value of a figure with half the width of its interval, and its old value; shares in per cent."""
     half, digits = digits_of(row["interval90"], 100.0 if share else 1.0)
     if share:
         text = f"{100 * row['value']:+.{digits}f} ± {100 * half:.{digits}f} %"

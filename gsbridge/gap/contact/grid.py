@@ -1,4 +1,4 @@
-"""Sizes of an effect that are simulated first, in each of its directions."""
+"""Grid of an effect: the sizes that are simulated first, in each of its directions."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from gsbridge.gap.contact.body import FreeBody
 from gsbridge.gap.contact.setup import BOUNDS, body_setup
 
 _HALVINGS = (0.5, 0.75, 0.875, 1.0)
-"""Parts of a figure that are taken from it, on its way to nothing."""
+"""Shares by which a figure is reduced on its way to zero."""
 
 
 def grid_ways(body: FreeBody, name: str) -> list[list[Applied]]:
-    """Parameters at which an effect is tried first: its directions, each in growing sizes.
+    """Return the parameters at which an effect is tried first: one list per direction, in growing sizes.
 
-    Where a figure falls towards nothing, it is halved rather than lowered by equal steps: a ball rolls with any friction above
-    a small one, so that all that can be told of its friction happens in the last eighth.
+    A figure that falls towards zero is halved instead of lowered in equal steps. Example: a ball rolls with any friction above
+    a small one, so only the last eighth of the friction makes a visible difference.
 
     Args:
-        body: The model, whose own figures these sizes change.
+        body: The model whose figures the effect changes.
         name: Name of the effect.
     """
     effect = BODY_EFFECTS[name]
@@ -38,11 +38,11 @@ def _way(body: FreeBody, effect: BodyEffect, direction: dict[str, float]) -> lis
 
 
 def vanishing(body: FreeBody, others: tuple[Applied, ...], effect: BodyEffect, parameter: Parameter) -> float | None:
-    """Value of a parameter at which its figure is nothing; None where that is no bound, or where it is nothing anyway.
+    """Return the value of a parameter that makes its figure zero; None if zero is not a bound, or the figure is zero already.
 
     Args:
         body: The model.
-        others: Effects that are there besides.
+        others: Effects that are also present.
         effect: The effect.
         parameter: The parameter.
     """

@@ -1,4 +1,4 @@
-"""Which effect a thrown body's simulation lacks: fits on some throws, judged on others, with the right to abstain."""
+"""Identification of the effect that a thrown body's simulation lacks: fit on some throws, judge on others, or abstain."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from gsbridge.gap.diagnosis.results import Finding
 from gsbridge.geometry import Array
 
 _CANDIDATES = 4
-"""Further effects that are simulated beside those already found: those that would explain most if motions added up."""
+"""Number of further effects that are simulated on top of an explanation: those that `promised` predicts to explain most."""
 
 _NEAR = 1.5
-"""Multiple of the best fit's error up to which others are fitted on all throws too."""
+"""Multiple of the best fit's error up to which other fits are also refined on all throws."""
 
 _FINE = 0.3
-"""A size that was fitted on a few throws is refined on all of them within this share of the grid's spacing."""
+"""Bracket for refining, on all throws, a size that was fitted on a few, as a share of the grid's spacing."""
 
 logger = logging.getLogger("gsbridge")
 
@@ -34,14 +34,14 @@ class ThrowRules:
 
     Args:
         alarm: p-value below which a discrepancy counts.
-        rivals: Effects that are fitted.
-        sure: Probability of being the best effect that is needed for naming one.
+        rivals: Number of single effects that are fitted.
+        sure: Probability of being the best that an effect needs to be named.
         margin: Share of the gap by which the best effect must lead all rivals.
-        sigmas: Number of standard errors by which it must lead them.
-        closure: Share of the gap, in unweighted distances, that named effects must close where something unexplained remains.
-        gain: Share of the error above the floor that a further effect must remove, on throws that it was not fitted to.
-        least: Share of the whole gap that it must remove there: engines turn a body at impacts a little more or less, which
-            another inertia takes up beside anything else.
+        sigmas: Number of standard errors by which the best effect must lead all rivals.
+        closure: Share of the gap, in unweighted distances, that named effects must close if something unexplained remains.
+        gain: Share of the error above the floor that a further effect must remove on held-out throws.
+        least: Share of the whole gap that a further effect must remove there. Engines turn a body a little more or less at
+            impacts, and a changed inertia would fit that difference beside any other effect.
         most: Largest number of effects in one explanation.
         draws: Number of draws of the bootstrap over throws.
         budget: Number of passes over the throws of a role, without those of the bank, after which no further effect is sought.
@@ -62,12 +62,12 @@ class ThrowRules:
 
 @dataclass(frozen=True)
 class ThrowHypothesis:
-    """A fit, and its errors on throws that it was not fitted to.
+    """A fit, and its errors on the held-out throws of `select`.
 
     Args:
         fit: The fit.
-        errors: Mean error of each throw of `select`, m. [N].
-        closure: Share of the gap above the floor that it closes; 0 until all hypotheses were judged.
+        errors: Mean weighted error of each throw of `select`, m. [N].
+        closure: Share of the gap above the floor that it closes; 0 until all hypotheses are judged.
     """
 
     fit: ThrowFit
@@ -81,7 +81,7 @@ class ThrowHypothesis:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its effects."""
+        """Names of its effects, sorted."""
         return tuple(sorted(effect.name for effect in self.fit.effects))
 
 
@@ -91,9 +91,9 @@ class ThrowFinding(Finding[ThrowHypothesis]):
 
     Args:
         floor: Mean distance that noise, chaos and the engine's choices explain, m.
-        weighed: `floor` in the weighted distances by which throws are fitted and judged.
-        spread: Expected distance at each moment of a throw, as `ThrowReplay.weigh` takes it.
-        near: Names of the explanations that are not clearly behind the best.
+        weighed: The same in the weighted distances that are used for fitting and judging, m.
+        spread: Expected distance at each moment of a throw, in the form that `ThrowReplay.weigh` takes.
+        near: Names of the explanations that are not clearly worse than the best.
     """
 
     floor: float = 0.0
@@ -108,9 +108,9 @@ class ThrowIdentification:
     Args:
         first: Throws of `fit`.
         second: Throws of `select`.
-        bank: Grids that were walked on throws of `first`.
-        rules: Thresholds.
-        seed: Seed of replicates and bootstrap.
+        bank: Grids that were simulated on throws of `first`.
+        rules: Thresholds; None for the defaults.
+        seed: Random seed of replicates and bootstrap.
     """
 
     def __init__(
@@ -146,27 +146,30 @@ class ThrowIdentification:
                 sets = sorted([grown, *self._stand_ins(grown, rest.floor)], key=lambda trial: trial.score)
                 trials, rest = [*sets, *trials], throw_null(self.second, sets[0].fit.effects, self.rng)
         if alike and not self._learns(trials[0], null.floor):
-            # Bodies fly as they should, and nothing learnt from some touches holds on others: another engine's contacts, or
-            # contacts that no catalogue has.
+            # The flight agrees, and nothing learnt from the contacts of some throws holds on others. Another engine's contacts
+            # would look like this, and so would contacts that are not in the catalogue.
             return replace(self._quiet("not_attributable", p_value, null, unseen), something_remains=True)
         return self._decide(trials, rest, p_value, unseen)
 
     def _again(self) -> list[GridMatch]:
-        """The bank's grids by weighed distances; their throws were simulated when the bank was made."""
+        """Evaluate the bank's grids again with weighted distances; their throws are in the cache."""
         return sorted((screen(self.few, name) for name in self.bank.names), key=lambda match: match.error)
 
     def _learns(self, best: ThrowHypothesis, floor: float) -> bool:
-        """Whether an explanation takes a part of the gap away on throws that it has not seen, beyond chance."""
+        """Whether an explanation closes a part of the gap on held-out throws, beyond chance."""
         gain = self.plain - best.errors
         chance = self.rules.sigmas * float(gain.std(ddof=1)) / np.sqrt(len(gain))
         return float(gain.mean()) > max(chance, self.rules.gain * (float(self.plain.mean()) - floor))
 
     def _remaining(self, rest: ThrowNull, best: ThrowHypothesis) -> float:
-        """p-value of what an explanation leaves."""
+        """Return the p-value of the errors that an explanation leaves on `select`."""
         return rest.p_value(best.errors, self.second.early(best.fit.effects))
 
     def _trials(self, fits: Sequence[ThrowFit]) -> list[ThrowHypothesis]:
-        """Judge fits of a few throws on `select`, the best first; those near the best are fitted on all throws before."""
+        """Judge fits of a few throws on `select`, and return them, the best first.
+
+        Fits whose error is near that of the best one are refined on all throws first.
+        """
         fits = [fit for fit in fits if fit.converged]
         bar = _NEAR * min((fit.error for fit in fits), default=0.0)
         if self.few is not self.first:
@@ -178,7 +181,7 @@ class ThrowIdentification:
         return round(self.first.passes + self.second.passes)
 
     def _affords(self, passes: float) -> bool:
-        """Whether the budget holds so many passes more."""
+        """Whether the budget allows this many further passes."""
         return self._runs() + passes <= self.rules.budget
 
     def _quiet(self, verdict: str, p_value: float, null: ThrowNull, unseen: tuple[str, ...]) -> ThrowFinding:
@@ -188,15 +191,18 @@ class ThrowIdentification:
         )
 
     def _better(self, new: ThrowHypothesis, old: ThrowHypothesis, floor: float) -> bool:
-        """Whether one trial is better than another on `select`, beyond chance, by a part of what is left and of the whole gap,
-        and by more than what it leaves: what is smaller than the model's own error is not named."""
+        """Whether a trial is clearly better than another on `select`.
+
+        The gain must exceed chance, the required shares of the old trial's remaining error and of the whole gap, and also what
+        the new trial leaves: an effect that is smaller than the model's own error is not named.
+        """
         gain = old.errors - new.errors
         chance = self.rules.sigmas * float(gain.std(ddof=1)) / np.sqrt(len(gain))
         parts = (self.rules.gain * (old.score - floor), self.rules.least * (float(self.plain.mean()) - floor))
         return float(gain.mean()) > max(chance, *parts, new.score - floor)
 
     def _several(self, singles: Sequence[ThrowHypothesis], floor: float) -> ThrowHypothesis:
-        """Add effects while throws that were not fitted agree: the best addition, swaps of earlier ones, dropping."""
+        """Add effects one by one while that helps on held-out throws; after each, try to swap and to drop earlier ones."""
         best = singles[0]
         for _ in range(self.rules.most - 1):
             grown = self._grow(best.fit.effects, 2, floor)
@@ -206,7 +212,7 @@ class ThrowIdentification:
         return best
 
     def _grow(self, base: Sequence[Applied], tries: int, floor: float) -> ThrowHypothesis | None:
-        """The best explanation with one effect more; None where a few throws show no use of any."""
+        """Return the best explanation with one effect more; None if no effect helps enough on a few throws."""
         others = [name for name in self.bank.names if name not in {applied.name for applied in base}]
         if not self._affords((_CANDIDATES + 10.0) * len(self.few) / len(self.first)):
             return None
@@ -214,16 +220,17 @@ class ThrowIdentification:
         starts = sorted(((mean_error(self.few, (*base, effect)), effect) for effect, _ in likely), key=lambda start: start[0])
         plain, left = (float(self.few.errors(effects).mean()) for effects in ((), base))
         near = [effect for error, effect in starts[:tries] if error <= _NEAR * starts[0][0]]
-        # Sizes of the base follow once, with those of the best, on all throws.
+        # Fit only the new effect here; the sizes of the base are refined later, for the best set only, on all throws.
         fits = [refine(self.few, (*base, effect), held=len(base)) for effect in near]
-        # What wins less than half of what it must win on other throws is not worth fitting on all.
+        # Skip candidates whose gain on the few throws is below half of what `_better` asks for on held-out throws; fitting them
+        # on all throws would rarely pass.
         wanted = max(self.rules.gain * (left - floor), self.rules.least * (plain - floor), 0.0)
         fits = [fit for fit in fits if left - fit.error > 0.5 * wanted]
         fits = sorted((fit for fit in fits if fit.converged), key=lambda fit: fit.error)
         return next(iter(self._trials(fits[:1])), None)
 
     def _swap(self, trial: ThrowHypothesis, singles: Sequence[ThrowHypothesis]) -> ThrowHypothesis:
-        """Replace each effect but the last by the other singles that did well."""
+        """Try to replace each effect but the last by other single effects that did well, and return the best set."""
         fits = []
         for place in range(len(trial.fit.effects) - 1):
             for single in singles[1:3]:
@@ -235,11 +242,11 @@ class ThrowIdentification:
         return min([trial, *self._trials([fit for fit in fits if fit.error <= bar])], key=lambda one: one.score)
 
     def _stand_ins(self, trial: ThrowHypothesis, floor: float) -> list[ThrowHypothesis]:
-        """Sets in which the effect that promises most in the place of one of a trial's stands there, where they are near it.
+        """Fit the sets in which one effect of a trial is replaced by its most promising stand-in; return those near the trial.
 
-        A set grows by one effect at a time, so that what is the same equation as a part of it has no part in the comparison.
-        Nothing more is sought here, so that the budget does not bound it: no set is named without this comparison. What would
-        lead must be better than each part of itself, as a set that grew is.
+        A set grows by one effect at a time, so a stand-in with the same equations as one of its effects was never compared.
+        No set is named without this comparison, so it is not bound by the budget. A set that does better than the trial must
+        also be better than each of its own subsets, as a grown set is.
         """
         if len(trial.fit.effects) < 2:
             return []
@@ -253,18 +260,18 @@ class ThrowIdentification:
         bar = _NEAR * mean_error(self.few, trial.fit.effects)
         near = [fit for fit in fits if fit.error <= bar]
         if self.few is self.first:
-            # The sizes of the others belong to the effect that was there before.
+            # The other effects' sizes were fitted beside the replaced effect; refine them beside the new one.
             near = [refine(self.first, fit.effects, _FINE) for fit in near]
         return [found for found in self._trials(near) if found.score >= trial.score or self._earned(found, floor)]
 
     def _earned(self, trial: ThrowHypothesis, floor: float) -> bool:
-        """Whether a set is better than each of its parts."""
+        """Whether a set is clearly better than each of its subsets with one effect less."""
         effects = trial.fit.effects
         parts = [refine(self.few, effects[:place] + effects[place + 1 :]) for place in range(len(effects))]
         return all(self._better(trial, part, floor) for part in self._trials(parts))
 
     def _slim(self, trial: ThrowHypothesis, floor: float) -> ThrowHypothesis:
-        """Drop effects that cost nothing on throws that were not fitted."""
+        """Drop effects without which the explanation is not clearly worse on held-out throws."""
         for place in range(len(trial.fit.effects)):
             if len(trial.fit.effects) == 1 or not self._affords(10.0):
                 break
@@ -278,7 +285,7 @@ class ThrowIdentification:
     ) -> ThrowFinding:
         rules, best, floor = self.rules, trials[0], rest.floor
         before = float(self.plain.mean())
-        # Parts of a set were beaten when it grew; they are no rivals of it.
+        # Subsets of the best set were beaten when it grew, so they are not its rivals.
         trials = [best, *(trial for trial in trials[1:] if not set(trial.names) < set(best.names))]
         chances = self._chances(trials)
         p_remaining = self._remaining(rest, best)
@@ -288,8 +295,8 @@ class ThrowIdentification:
             near = [trial for trial, chance in zip(trials[1:], chances[1:], strict=True) if chance > 0.02]
         names: tuple[str, ...] = ()
         gap, left = (float(self.second.gaps(effects).mean()) for effects in ((), best.fit.effects))
-        # How much of the gap closes is told, and judged, in plain distances. Weighed ones tell rivals apart: in them a tenth of
-        # a millimetre in flight counts as much as a centimetre after the body has tumbled.
+        # The closure is reported and judged in plain distances. Weighted ones only separate rivals: in them, a tenth of a
+        # millimetre in flight counts as much as a centimetre after the body has tumbled.
         if remains and (closure(gap, left, rest.plain) < rules.closure or self._flies_otherwise(rest, best)):
             verdict = "none_of_the_known"
         elif near or chances[0] < rules.sure:
@@ -307,22 +314,23 @@ class ThrowIdentification:
         )  # fmt: skip
 
     def _flies_otherwise(self, rest: ThrowNull, best: ThrowHypothesis) -> bool:
-        """Whether an explanation changes how bodies fly, and leaves too much there: no engine's contacts are an excuse then.
+        """Whether an explanation changes the flight, but leaves too much of it unexplained.
 
-        A wind that comes in gusts is no steady force, though such a force closes most of the gap behind the impact.
+        Another engine's contacts cannot be the reason for that. Example: a gusty wind is not a steady force, although such a
+        force closes most of the gap after the impact.
         """
         left = self.second.early(best.fit.effects)
         closed = closure(float(self.second.early().mean()), float(left.mean()), float(rest.early.mean()))
         return rest.p_early(left) < self.rules.alarm and self.rules.gain < closed < self.rules.closure
 
     def _near(self, trial: ThrowHypothesis, best: ThrowHypothesis, gap: float) -> bool:
-        """Whether a rival is not clearly behind."""
+        """Whether a rival is not clearly worse than the best."""
         behind = trial.errors - best.errors
         chance = self.rules.sigmas * float(behind.std(ddof=1)) / np.sqrt(len(behind))
         return float(behind.mean()) < max(chance, self.rules.margin * gap)
 
     def _chances(self, trials: Sequence[ThrowHypothesis]) -> Array:
-        """Probability that each trial is best, by a bootstrap over throws. [trials]."""
+        """Return the probability that each trial is the best, by a bootstrap over throws. [trials]."""
         errors = np.stack([trial.errors for trial in trials])
         draws = self.rng.integers(0, errors.shape[1], (self.rules.draws, errors.shape[1]))
         return np.bincount(errors[:, draws].mean(axis=2).argmin(axis=0), minlength=len(trials)) / self.rules.draws

@@ -1,5 +1,4 @@
-"""How well the size of an effect is known: which sizes would have been best for other throws of the same kind, and for throws
-of an engine that makes other choices."""
+"""Confidence intervals of effects' sizes: how the best size varies over other throws of the same kind and other engines."""
 
 from __future__ import annotations
 
@@ -17,23 +16,26 @@ from gsbridge.geometry import Array
 _POINTS = np.linspace(-1.0, 1.0, 5)
 _DRAWS = 400
 _NINETY = 1.645
-"""Standard deviations that bound 90 % of a normal law."""
+"""Half width of a 90 % interval of a normal distribution, in standard deviations."""
 _RISES = (0.03, 0.3)
-"""Smallest and largest relative rise of the mean error that is wanted at the ends of the profile."""
+"""Range in which the relative rise of the mean error at the ends of the profile should lie."""
 
 _TRIES = 4
 
 
 def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> list[dict[str, tuple[float, float]]]:
-    """90 % intervals of all parameters, one by one, from where a parabola through the error's profile is lowest.
+    """Return 90 % intervals of all parameters, each from the minimum of a parabola through the profile of the error.
 
-    How that place scatters is told twice: by a bootstrap over the throws, and by replicates whose truth is the fit itself, with
-    other starts and other choices of the engine. What the fit leaves beyond its replicates widens both.
+    The scatter of that minimum comes from two sources: a bootstrap over the throws, and replicates that have the fit as truth,
+    with other initial states and other choices of the engine. A misfit beyond that of the replicates widens both.
 
     Args:
         replay: The throws that were fitted.
         fit: Fit to these throws.
-        rng: Random numbers for the bootstrap.
+        rng: Random numbers for the replicates and the bootstrap.
+
+    Returns:
+        For each effect, the ends of the interval of each parameter.
     """
     out, effects = [], fit.effects
     few = replay.part(null.FEW)
@@ -56,7 +58,7 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
 
             best = float(errors(value).mean())
             least, most = reach(replay, [*effects[:place], *effects[place + 1 :]], BODY_EFFECTS[applied.name], parameter)
-            # Beyond a bound nothing changes any more.
+            # At a bound, values beyond it change nothing, so the profile is one-sided there.
             bounds = {-1.0: least, 1.0: most}
             sides = [sign for sign, bound in bounds.items() if value != bound]
             level = [sign for sign in sides if _level(errors, bounds[sign], best, fit.profiles[place, parameter.name], value)]
@@ -80,13 +82,13 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
                 other = [
                     _lowest(np.stack([few.apart(row, *poses).mean(keepdims=True) for row in flights]), places) for poses in seen
                 ]
-                # Where an engine's best size lies beyond these places, nothing tells how far.
+                # A minimum at an end of the places is clipped there; widen the places until none is.
                 if np.abs(other).max() < 1.0:
                     break
             engine = _NINETY * wide * float(np.sqrt(np.mean(np.square(other))))
-            # Of what ends at a bound, other throws hardly move the best size: it is known to where the error visibly rises.
+            # At a bound, the bootstrap hardly moves the best size; extend the interval to where the error visibly rises.
             engine = engine if len(sides) == 2 else max(engine, width)
-            # The interval is about the value that is named, which need not be the parabola's lowest point.
+            # Centre the interval on the value that is named, which need not be the parabola's minimum.
             low = value - misfit * float(np.hypot(max(value - low, 0.0), engine))
             high = value + misfit * float(np.hypot(max(high - value, 0.0), engine))
             rows[parameter.name] = (
@@ -98,13 +100,13 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
 
 
 def _level(errors: Callable[[float], Array], bound: float, best: float, profile: Mapping[float, float], value: float) -> bool:
-    """Whether nothing up to a bound does worse than the best value, so that nobody knows how much more it is.
+    """Whether the error stays level from the best value to a bound, so that the value is unbounded on that side.
 
     Args:
-        errors: Error of each throw at a value.
+        errors: Returns the error of each throw at a value, m.
         bound: The bound.
         best: Mean error at the best value, m.
-        profile: Values that the search has looked at and their errors.
+        profile: Values that the search has evaluated, and their errors, m.
         value: The best value.
     """
     beyond = [error for at, error in profile.items() if (at - value) * (bound - value) > 0.0]
@@ -113,14 +115,14 @@ def _level(errors: Callable[[float], Array], bound: float, best: float, profile:
 
 
 def _lowest(profile: Array, places: Array) -> Array:
-    """Lowest points of parabolas through values at some places, within these. [P, D], [P] -> [D]."""
+    """Return the minima of parabolas through profiles, clipped to the range of places. [P, D], [P] -> [D]."""
     square, slope, _ = np.polyfit(places, profile, 2)
     found = np.where(square > 0, -slope / (2.0 * np.maximum(square, 1e-300)), np.sign(-slope))
     return np.clip(found, places.min(), places.max())
 
 
 def _width(profile: Mapping[float, float], best: float) -> float | None:
-    """Width at which the error has risen by the mean of `_RISES`, by what the search has seen; None where it tells nothing."""
+    """Estimate from the search's profile where the error rises by the mean of `_RISES`, as a width; None if it is too flat."""
     near = {value: error for value, error in profile.items() if error < (1.0 + 2.0 * _RISES[1]) * best}
     if len(near) < 3:
         return None

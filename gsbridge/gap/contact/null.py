@@ -1,7 +1,7 @@
-"""Distances between replay and measurement that are expected where the model lacks nothing.
+"""Null distribution: the distances between replay and measurement that are expected if the model lacks nothing.
 
-They have four causes: start states are measured with noise, each engine has its own length of step and its own way of pushing
-bodies apart in a contact, bodies sink in while they touch, and chaos enlarges all of these.
+They have four causes. Initial states are measured with noise; each engine has its own step length and its own way of pushing
+bodies apart in a contact; bodies sink in while they touch; and chaos amplifies all of these.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from gsbridge.gap.contact.world import Flight, Numerics
 from gsbridge.geometry import Array, quat_multiply
 
 REPLICATES = 6
-"""Number of simulated sets of throws."""
+"""Number of simulated sets of throws, each with its own engine choices."""
 
 FEW = 40
-"""Number of throws in each set; more would tell little more about one throw."""
+"""Number of throws in each set; more throws add little."""
 
 _DRAWS = 499
 
@@ -30,28 +30,30 @@ _STEPS = (0.7, 2.0)
 """Smallest and largest factor on the length of a step."""
 
 _BIN = 0.02
-"""Width of the intervals of time for which the spread of distances is measured, s."""
+"""Width of the time bins in which the expected distance is measured, s."""
 
 _UNSURE = 0.01
-"""Share of a body's radius of gyration by which models and trackers are always wrong."""
+"""Distance by which models and trackers are always wrong, as a share of the body's radius (`ThrowReplay.radius`)."""
 
 _PUSHES = (0.05, 0.3)
 """Smallest and largest share of a penetration that is corrected in one step."""
 
 SUNK = 0.03
-"""Share of its size by which a body sinks in while it is pushed, at most: at 1 m/s, a contact that lasts 5 ms lets it sink in
-by 1.6 mm at its deepest and by 1.2 mm on average, which is a thirtieth of 40 mm."""
+"""Largest share of its size by which a body sinks in during a contact.
+
+At 1 m/s, a contact that lasts 5 ms lets it sink in by at most 1.6 mm and by 1.2 mm on average, which is 3 % of 40 mm.
+"""
 
 
 @dataclass(frozen=True)
 class ThrowNull:
-    """Errors of effect-free replicates.
+    """Errors of K effect-free replicates of M throws.
 
     Args:
-        errors: Mean weighed distance of each throw, m. [K, M].
-        early: Mean weighed distance before the first touch of sets drawn from them, m. [D].
-        plain: Mean distance of the tracked point, m.
-        spread: Expected distance at each moment of a throw, as `ThrowReplay.weigh` takes it.
+        errors: Mean weighted distance of each throw, m. [K, M].
+        early: Mean weighted distance before the first touch, of D sets drawn from the replicates, m. [D].
+        plain: Mean distance of the tracked point over all replicates, m.
+        spread: Expected distance at each moment of a throw, in the form that `ThrowReplay.weigh` takes.
     """
 
     errors: Array
@@ -61,20 +63,20 @@ class ThrowNull:
 
     @property
     def floor(self) -> float:
-        """Mean weighed distance that noise, chaos and the engine's choices explain, m."""
+        """Mean weighted distance that noise, chaos and the engine's choices explain, m."""
         return float(self.errors.mean())
 
     def p_value(self, errors: Array, early: Array) -> float:
-        """Probability of an effect-free set at least as far apart, by the mean, the mean logarithm, or before the first touch.
+        """Return the p-value of errors under the null: the smallest of three p-values, times three.
 
-        Each replicate stands for one engine. A handful of them tell how much engines differ as well as a handful of numbers
-        do, which Student's law counts; a share of sets drawn from them would be far too sure. They are compared on the throws
-        that replicates have: throws differ, and so would their means on other throws. The smallest of three probabilities is
-        multiplied by three.
+        The three statistics are the mean error, the mean logarithm, and the mean before the first touch. Each replicate stands
+        for one engine. How much engines differ is estimated from only K replicates, so the first two use Student's t; a
+        bootstrap of sets from K replicates would be far too confident. They are compared on the same M throws that the
+        replicates have, since the mean depends on the throws.
 
         Args:
-            errors: Mean weighed distance of each throw, m. [N].
-            early: Mean weighed distance of each throw before it first touches anything, m. [N].
+            errors: Mean weighted distance of each throw, m. [N].
+            early: Mean weighted distance of each throw before it first touches anything, m. [N].
 
         Source: Hahn and Meeker, Statistical Intervals, 1991, chapter 4 (prediction of one further observation).
         """
@@ -84,32 +86,32 @@ class ThrowNull:
         return float(min(1.0, len(looks) * min(looks)))
 
     def p_early(self, early: Array) -> float:
-        """Share of effect-free sets at least as far apart before the first touch, where no engine has a choice.
+        """Return the p-value of the mean error before the first touch, where all engines agree.
 
         Args:
-            early: Mean weighed distance of each throw before it, m. [N].
+            early: Mean weighted distance of each throw before the first touch, m. [N].
         """
         return float((1 + (self.early >= early.mean()).sum()) / (1 + len(self.early)))
 
 
 def _sizes(errors: Array) -> Array:
-    """Mean and mean logarithm of sets: what is large, and a small change of every throw. [D, N] -> [D, 2]."""
+    """Return each set's mean and mean logarithm, which show large errors and small changes of all throws. [D, N] -> [D, 2]."""
     return np.stack([errors.mean(axis=1), np.log(np.maximum(errors, 1e-9)).mean(axis=1)], axis=1)
 
 
 def replicates(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator) -> list[list[Flight]]:
-    """Sets of throws of a model with these effects as truth, measured with noise.
+    """Simulate sets of throws of a model with these effects as truth, measured with noise.
 
-    The bodies of the sets sink in while they touch, by up to `SUNK`, in equal steps. Friction then turns a body at an arm that
-    is shorter by as much, as if its inertia were larger.
+    From set to set, bodies sink in more during contact, in equal steps up to `SUNK`. Sinking in shortens the lever arm of
+    friction, which is modelled as a larger inertia.
 
     Args:
         replay: Throws and model.
         effects: Effects of the truth.
-        rng: Random numbers for noise, first states and the engine's choices.
+        rng: Random numbers for noise, initial states and the engine's choices.
 
     Returns:
-        One flight per throw and set.
+        For each set, one flight per throw.
     """
     noise = replay.noise
     out = []
@@ -122,20 +124,20 @@ def replicates(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.G
 
 
 def _measured(flight: Flight, noise: ThrowNoise, rng: np.random.Generator) -> Flight:
-    """A flight as the tracker tells it."""
+    """Add the tracker's noise to a flight."""
     turns = quat_from_turn(rng.normal(0.0, noise.angle, flight.position.shape))
     position = flight.position + rng.normal(0.0, noise.position, flight.position.shape)
     return replace(flight, position=position, quat=quat_multiply(turns, flight.quat))
 
 
 def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator, *, weigh: bool = False) -> ThrowNull:
-    """Errors of the first throws as they would be if these effects were the truth and the same model replayed it.
+    """Simulate the errors of the first `FEW` throws under the null that these effects are the truth and also replayed.
 
     Args:
         replay: Throws and model.
-        effects: Effects of truth and replay.
-        rng: Random numbers of noise, first states, the engine's choices and the draws of sets.
-        weigh: Whether distances of the throws are weighted from now on by the spread that is found.
+        effects: Effects of both truth and replay.
+        rng: Random numbers for noise, initial states, the engine's choices and the draws of sets.
+        weigh: Whether to weight distances of `replay` from now on by the expected distances found here.
     """
     few = replay.part(FEW)
     sets = replicates(few, effects, rng)
@@ -147,14 +149,14 @@ def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.G
     errors = np.stack([few.apart(flights, *row) for row in zip(places, turns, strict=True)])
     early = np.stack([few.apart(flights, *row, early=True) for row in zip(places, turns, strict=True)])
     plain = float(np.mean([distances(flights, row) for row in places]))
-    # One engine makes all throws of a set, so that sets are drawn from one replicate each.
+    # All throws of a real set share one engine, so each drawn set comes from a single replicate.
     which = rng.integers(0, len(errors), _DRAWS)
     throws = rng.integers(0, errors.shape[1], (_DRAWS, len(replay)))
     return ThrowNull(errors, early[which[:, None], throws].mean(axis=1), plain, spread)
 
 
 def closure(before: float, after: float, floor: float) -> float:
-    """Share of the gap above the floor that is closed; negative where it grew.
+    """Return the share of the gap above the floor that is closed; negative if the gap grew.
 
     Args:
         before: Mean distance between replay and measurement without effects, m.
@@ -167,15 +169,17 @@ def closure(before: float, after: float, floor: float) -> float:
 def expected_spread(
     replay: ThrowReplay, flights: Sequence[Flight], sets: Sequence[Sequence[Flight]]
 ) -> Callable[[Array], Array]:
-    """Mean distance of replicates by the time since the first touch, never falling, with what no model gets right on top.
+    """Estimate the expected distance as a function of time since the first touch; it never decreases.
+
+    It is the mean distance of the replicates, combined with the error that every model has (`_UNSURE`).
 
     Args:
         replay: Throws and model.
-        flights: Their replay.
-        sets: Sets of throws as they are measured where the model lacks nothing.
+        flights: Replay of the throws.
+        sets: Effect-free sets of throws, as measured.
 
     Returns:
-        Time since the nominal replay's first touch, s, to a distance, m.
+        Function from the time since the nominal replay's first touch, s, to a distance, m.
     """
     rows = [
         np.concatenate(

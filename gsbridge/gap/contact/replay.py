@@ -1,4 +1,4 @@
-"""Throws replayed from their first states, and how far replay and measurement are apart."""
+"""Replay of throws from their initial states, and the distances between replay and measurement."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from gsbridge.gap.contact.world import Flight, Numerics, simulate
 from gsbridge.geometry import Array
 
 HORIZON = 0.75
-"""Length that is replayed, s: longer replays of a chaotic motion compare chance with chance."""
+"""Default length of each throw that is replayed, s: later, the motion is chaotic and distances are chance."""
 
 _IMPACT = 0.06
-"""How long behind the first touch errors count as those of the impact, s."""
+"""Length of the phase "impact" after the first touch, s."""
 
 _SURE = 0.02
-"""How long before the nominal replay's first touch a body surely touches nothing, s."""
+"""Margin before the nominal replay's first touch, s; until then, the body surely touches nothing."""
 
 PHASES = ("flight", "impact", "after")
-"""Before the first touch, just behind it, and the rest."""
+"""Phases of a throw: before the first touch, just after it, and the rest."""
 
 
 class ThrowReplay:
@@ -32,8 +32,8 @@ class ThrowReplay:
 
     Args:
         body: The model.
-        throws: Measured.
-        horizon: Length that is replayed, s.
+        throws: The measured throws.
+        horizon: Length of each throw that is replayed, s.
     """
 
     def __init__(self, body: FreeBody, throws: Throws, horizon: float = HORIZON) -> None:
@@ -50,26 +50,26 @@ class ThrowReplay:
         self._plain = tuple(body_setup(body).figures.values())
 
     def part(self, count: int) -> ThrowReplay:
-        """The first throws, whose simulations count with these."""
+        """Return the replay of the first `count` throws; its simulations count in `passes`."""
         if count >= len(self):
             return self
         if count not in self._parts:
             self._parts[count] = ThrowReplay(self.body, self.throws.part(0, count), self.horizon)
-            # A few throws know their own noise less well than all.
+            # All throws together determine the noise better than a few.
             self._parts[count].noise = self.noise
             self._parts[count].weights = self.weights[:count]
         return self._parts[count]
 
     @property
     def passes(self) -> float:
-        """Simulations so far, in passes over all throws."""
+        """Number of simulations so far, in passes over all throws."""
         return self.runs + sum(part.runs * len(part) / len(self) for part in self._parts.values())
 
     def __len__(self) -> int:
         return len(self.times)
 
     def flights(self, effects: Sequence[Applied] = ()) -> list[Flight]:
-        """Simulated throws; figures that were simulated before cost nothing."""
+        """Return simulated throws, from a cache if the same figures were simulated before."""
         setup = body_setup(self.body, effects)
         key = tuple(setup.figures.values())
         if key not in self._known:
@@ -79,18 +79,18 @@ class ThrowReplay:
         return self._known[key]
 
     def remember(self, flights: Mapping[tuple[float, ...], list[Flight]]) -> None:
-        """Take simulated throws from elsewhere, by the figures of their setup."""
+        """Put simulated throws into the cache, by the figures of their setup."""
         self._known |= flights
 
     def simulate(
         self, effects: Sequence[Applied], starts: Starts | None = None, numerics: Numerics | None = None
     ) -> list[Flight]:
-        """Simulate all throws, with other starts or other choices of the engine where they are given.
+        """Simulate all throws, without the cache.
 
         Args:
-            effects: What is added to the model.
-            starts: First states of the bodies; the measured ones when None.
-            numerics: The engine's choices; its usual ones when None.
+            effects: Effects that are added to the model.
+            starts: Initial states of the bodies; None for the measured ones.
+            numerics: The engine's numerical choices; None for the defaults.
 
         Returns:
             One flight per throw.
@@ -100,21 +100,21 @@ class ThrowReplay:
 
     @property
     def radius(self) -> float:
-        """Distance by which the body's points move when it turns by one radian, root mean square, m."""
+        """Root mean square distance that the body's points move per radian of rotation, m."""
         return float(np.sqrt(np.trace(self.body.inertia) / (3.0 * self.body.mass)))
 
     def gaps(self, effects: Sequence[Applied] = ()) -> Array:
-        """Mean distance between the tracked point of replay and measurement of each throw, m. [N]."""
+        """Return the mean distance of the tracked point between replay and measurement, for each throw, m. [N]."""
         return distances(self.flights(effects), self.measured)
 
     def errors(self, effects: Sequence[Applied] = ()) -> Array:
-        """Mean distance between the body's points in replay and measurement of each throw, m, weighed as `weigh` says. [N]."""
+        """Return the mean weighted distance of the body's points between replay and measurement, for each throw, m. [N]."""
         return self.apart(self.flights(effects), self.measured, self.attitudes)
 
     def apart(
         self, flights: Sequence[Flight], positions: Sequence[Array], attitudes: Sequence[Array], *, early: bool = False
     ) -> Array:
-        """Mean weighed distance of the body's points between simulated throws and poses.
+        """Return the mean weighted distance of the body's points between simulated throws and poses.
 
         Args:
             flights: Simulated throws.
@@ -123,27 +123,27 @@ class ThrowReplay:
             early: Whether only samples before the nominal replay's first touch count.
 
         Returns:
-            m. [N].
+            Mean distance of each throw, m, with the weights that `weigh` set. [N].
         """
         counted = self._untouched() if early else [np.ones(len(time)) for time in self.times]
         rows = zip(flights, positions, attitudes, self.weights, counted, strict=True)
         return np.array([(point_distances(f, at, to, self.radius) * w * c).sum() / max(c.sum(), 1) for f, at, to, w, c in rows])
 
     def _untouched(self) -> list[Array]:
-        """One for every sample that is surely before the first touch, else zero. Each [T]."""
+        """Return 1 for every sample that is surely before the first touch, else 0. Each [T]."""
         return [(since < -_SURE).astype(np.float64) for since in touch_clocks(self)]
 
     def early(self, effects: Sequence[Applied] = ()) -> Array:
-        """Like `errors`, before the nominal replay's first touch alone, where no engine has a choice. [N]."""
+        """Return `errors` over the samples before the nominal replay's first touch only, where all engines agree. [N]."""
         return self.apart(self.flights(effects), self.measured, self.attitudes, early=True)
 
     def weigh(self, spread: Callable[[Array], Array]) -> None:
-        """Let a distance count by how well it is known at that moment.
+        """Weight distances by the inverse of the distance that is expected at that moment.
 
-        What is a tenth of a millimetre in flight tells as much as what is a centimetre after the body has tumbled.
+        A tenth of a millimetre in flight is as significant as a centimetre after the body has tumbled.
 
         Args:
-            spread: Time since the nominal replay's first touch, s, to the distance that noise and chaos explain, m.
+            spread: Maps time since the nominal replay's first touch, s, to the distance that noise and chaos explain, m.
         """
         for part in (self, *self._parts.values()):
             expected = [spread(since) for since in touch_clocks(part)]
@@ -151,7 +151,7 @@ class ThrowReplay:
             part.weights = [whole / row for row in expected]
 
     def phases(self, effects: Sequence[Applied] = ()) -> dict[str, float]:
-        """Mean distance in each phase, m; the first touch is the nominal replay's. Phases that do not occur are missing."""
+        """Return the mean distance in each phase that occurs, m; the first touch is that of the nominal replay."""
         sums = {phase: [0.0, 0] for phase in PHASES}
         for number, flight, measured in zip(phase_numbers(self), self.flights(effects), self.measured, strict=True):
             error = np.linalg.norm(flight.position - measured, axis=1)
@@ -162,7 +162,7 @@ class ThrowReplay:
 
 
 def touch_clocks(replay: ThrowReplay) -> list[Array]:
-    """Time of every sample since the nominal replay's first touch, s; negative before it. Each [T]."""
+    """Return the time of every sample since the nominal replay's first touch, s; negative before it. Each [T]."""
     out = []
     for plain, time in zip(replay.flights(), replay.times, strict=True):
         touch = time[np.argmax(plain.touched)] if plain.touched.any() else time[-1]
@@ -171,16 +171,16 @@ def touch_clocks(replay: ThrowReplay) -> list[Array]:
 
 
 def point_distances(flight: Flight, position: Array, attitude: Array, radius: float) -> Array:
-    """Distance of a body's points between a simulated throw and measured poses, root mean square over the body, m.
+    """Return the distance of a body's points between a simulated throw and measured poses, root mean square over the body.
 
     Args:
         flight: The simulated throw.
-        position: Measured, m. [T, 3].
-        attitude: Measured, wxyz. [T, 4].
-        radius: Distance by which the points move per radian, m.
+        position: Measured positions, m. [T, 3].
+        attitude: Measured attitudes, wxyz. [T, 4].
+        radius: Root mean square distance that the points move per radian, m.
 
     Returns:
-        [T].
+        Distance at each sample, m. [T].
     """
     cosine = np.abs((flight.quat * attitude).sum(axis=1))
     turn = 2.0 * np.arctan2(np.sqrt(np.maximum(1.0 - cosine**2, 0.0)), cosine)
@@ -188,7 +188,7 @@ def point_distances(flight: Flight, position: Array, attitude: Array, radius: fl
 
 
 def phase_numbers(replay: ThrowReplay) -> list[Array]:
-    """Place in `PHASES` of every sample; the first touch is the nominal replay's. Each [T]."""
+    """Return the index in `PHASES` of every sample; the first touch is that of the nominal replay. Each [T]."""
     out = []
     for plain, time in zip(replay.flights(), replay.times, strict=True):
         touch = time[np.argmax(plain.touched)] if plain.touched.any() else np.inf
@@ -197,7 +197,7 @@ def phase_numbers(replay: ThrowReplay) -> list[Array]:
 
 
 def distances(flights: Sequence[Flight], positions: Sequence[Array]) -> Array:
-    """Mean distance of each simulated throw to positions, m. [N]."""
+    """Return the mean distance of each simulated throw to positions, m. [N]."""
     return np.array(
         [float(np.linalg.norm(flight.position - at, axis=1).mean()) for flight, at in zip(flights, positions, strict=True)]
     )

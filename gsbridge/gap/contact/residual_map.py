@@ -1,4 +1,4 @@
-"""Where a difference shows: distances along a throw, across it and in height, by phase and kind of throw."""
+"""Map of where a difference shows: distances along a throw, across it and in height, by phase and kind of throw."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 """Columns of the map. Speed and spin are those of a throw's start, below or above the median of all throws."""
 
 FEWEST = 4
-"""Throws that a cell needs; others stay empty."""
+"""Smallest number of throws in a cell; cells with fewer stay empty."""
 
 
 def map_distances(replay: ThrowReplay, flights: Sequence[Flight], null: Array) -> ResidualMap:
-    """Lay distances over the motion.
+    """Map the distances between replay and measurement.
 
     Args:
         replay: Throws.
-        flights: Simulated, one per throw.
-        null: Cells of effect-free replicates, as `cells` gives them. [K, M, channels, columns].
+        flights: Simulated throws, one per throw.
+        null: Return values of `cells` for effect-free replicates, m. [K, M, channels, columns].
 
     Returns:
-        Root mean square distances, mm; marked where those of the replicates are smaller by more than chance.
+        Root mean square distances, mm; cells are marked if they exceed those of the replicates by more than chance.
     """
     found = cells(replay, [measured - flight.position for flight, measured in zip(flights, replay.measured, strict=True)])
     counts = np.isfinite(found).sum(axis=0)
@@ -51,14 +51,14 @@ def map_distances(replay: ThrowReplay, flights: Sequence[Flight], null: Array) -
 
 
 def cells(replay: ThrowReplay, differences: Sequence[Array]) -> Array:
-    """Root mean square difference of each throw in each cell, m; not-a-number where it has no sample there.
+    """Return the root mean square difference of each throw in each cell.
 
     Args:
-        replay: The throws that the differences are of.
-        differences: Log's frame, m. Each [T, 3].
+        replay: The throws that the differences belong to.
+        differences: Differences of position, log's frame, m. Each [T, 3].
 
     Returns:
-        [throws, channels, columns].
+        Root mean squares, m; not-a-number if a throw has no sample in a cell. [throws, channels, columns].
     """
     starts = replay.starts
     speed, spin = np.linalg.norm(starts.velocity, axis=1), np.linalg.norm(starts.spin, axis=1)
@@ -74,7 +74,7 @@ def cells(replay: ThrowReplay, differences: Sequence[Array]) -> Array:
 
 
 def along(replay: ThrowReplay, differences: Sequence[Array]) -> list[Array]:
-    """Differences along the axes of each throw, as `CHANNELS` has them. Log's frame, each [T, 3] -> each [T, 3]."""
+    """Turn differences from the log's frame into the axes of each throw, in the order of `CHANNELS`. Each [T, 3]."""
     velocity = replay.starts.velocity
     level = np.hypot(velocity[:, 0], velocity[:, 1])
     # A throw straight up or down has no direction of its own.

@@ -1,4 +1,4 @@
-"""Sizes of effects by grid and line search: errors of a chaotic motion have no useful slope."""
+"""Fit of effects' sizes by grid and line search: the error of a chaotic motion has no useful gradient."""
 
 from __future__ import annotations
 
@@ -19,26 +19,28 @@ from gsbridge.gap.contact.world import Flight
 from gsbridge.geometry import Array
 
 _GOLDEN = 0.5 * (3.0 - np.sqrt(5.0))
-"""Share of the wider half of a bracket at which a golden section looks."""
+"""Position of a golden section step in the wider half of a bracket, as a share of that half."""
 
 _SHRINK = 0.12
-"""Part of its first width to which a bracket is narrowed."""
+"""Share of its first width to which a bracket is narrowed."""
 
 _GAIN = 2e-3
-"""Share of the error that a parabola must promise, once its bracket is half of the first one; below, a further simulation
-tells nothing. A wide one says little, since errors rise like a V."""
+"""Smallest gain, as a share of the error, that a parabola must predict for the search to go on.
+
+It applies once the bracket is at most half as wide as at first: errors rise like a V, so a parabola over a wide bracket says
+little. It is also the difference up to which errors count as equal on a plateau."""
 
 _WIDEN = 6
-"""How often a bracket may be doubled while the error still falls at its edge."""
+"""Largest number of times that a bracket is doubled while the error still falls at its edge."""
 
 _BETWEEN = 0.1
-"""Share of the squared distances that a size below the grid's smallest must promise to explain to be looked at."""
+"""Share of the squared distances that a size below the grid's smallest must be predicted to explain before it is simulated."""
 
 _NEARER = 0.8
-"""Such a size is looked at below this share of the grid's smallest alone: what is nearer to it tells nothing new."""
+"""Such a size must also be below this share of the grid's smallest one; a size closer to that one adds nothing."""
 
 _LOOKS = 12
-"""Values that a search looks at within its bracket, at most."""
+"""Largest number of values that a search evaluates within its bracket."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class GridMatch:
     Args:
         effect: The effect with its parameters.
         error: Mean error over the throws, m.
-        change: How far the grid's largest sizes move the replay, m: what cannot move it cannot be seen.
+        change: Mean distance by which the grid's largest sizes move the replay, m; an effect that does not move it is unseen.
     """
 
     effect: Applied
@@ -63,9 +65,9 @@ class ThrowFit:
     Args:
         effects: The effects.
         error: Mean error over the throws, m.
-        converged: Whether every size is inside its bounds and its bracket, begins a plateau on which any larger one does as
-            well, or makes a figure vanish that cannot be negative: a body may well slide without friction.
-        profiles: Values that were looked at and their errors, by place and parameter.
+        converged: Whether every size is inside its bounds and its bracket, is the start of a plateau on which all larger sizes
+            do as well, or makes a non-negative figure zero (a body may well slide without friction).
+        profiles: Evaluated values and their errors, m, by the effect's index and the parameter's name.
     """
 
     effects: tuple[Applied, ...]
@@ -75,7 +77,7 @@ class ThrowFit:
 
 
 def body_effects(replay: ThrowReplay, names: Collection[str] | None) -> tuple[str, ...]:
-    """Effects that may be the reason in these throws; of `names` only, if given."""
+    """Return the names of the effects to consider for these throws, restricted to `names` if given."""
     return tuple(
         name
         for name, effect in BODY_EFFECTS.items()
@@ -84,12 +86,12 @@ def body_effects(replay: ThrowReplay, names: Collection[str] | None) -> tuple[st
 
 
 def mean_error(replay: ThrowReplay, effects: Sequence[Applied]) -> float:
-    """Mean error over the throws, m."""
+    """Return the mean error over the throws, m."""
     return float(replay.errors(effects).mean())
 
 
 def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> GridMatch:
-    """Walk an effect's grid on top of other effects.
+    """Simulate an effect's grid on top of other effects, and return the best point.
 
     Args:
         replay: Throws and model.
@@ -107,7 +109,7 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
     unchanged = mean_error(replay, base)
     ends = np.cumsum([0, *map(len, grid)])
     ways = [range(first, last) for first, last in itertools.pairwise(ends.tolist())]
-    # A motion that tumbles may fit a far too large size by chance, where the smallest overshoots.
+    # A tumbling motion may fit a far too large size by chance, while the smallest one overshoots; so look below the smallest.
     smallest = [way[0] for way in ways if errors[way[0]] > unchanged or errors[way[0]] == min(errors[k] for k in way)]
     for applied in (points[k] for k in smallest):
         share, explained = _projected(replay, plain, replay.flights((*base, applied)))
@@ -123,18 +125,19 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
 
 
 def promised(replay: ThrowReplay, name: str, base: Sequence[Applied]) -> tuple[Applied, float]:
-    """What an effect would do on top of others if motions added up. Nothing is simulated.
+    """Predict, by superposition and without a simulation, how much an effect explains on top of others.
 
-    What each point of its grid does alone is known; amplitudes that help alone are solved for together. Bodies that tumble know
-    no such sums, so this only tells which effects are worth a simulation, and where to begin.
+    The motion that each grid point of the effect causes alone is known. Amplitudes that help alone are solved for together by
+    least squares. Motions of tumbling bodies do not add up, so the result only says which effects are worth a simulation, and
+    from where to start.
 
     Args:
-        replay: Throws and model, with the effect's grid and the others simulated before.
+        replay: Throws and model; the effect's grid and `base` are in its cache.
         name: Name of the effect.
         base: Effects that are already part of the model.
 
     Returns:
-        The effect at the sizes that explain most, and the share of the squared distances left by the others that it explains.
+        The effect with the sizes that explain most, and the share of the squared distances left by `base` that it explains.
     """
     effect, plain = BODY_EFFECTS[name], _stacked(replay, replay.flights())
     left = _stacked(replay, replay.measured) - _stacked(replay, replay.flights(base))
@@ -160,13 +163,13 @@ def promised(replay: ThrowReplay, name: str, base: Sequence[Applied]) -> tuple[A
 
 
 def _stacked(replay: ThrowReplay, rows: Sequence[Flight] | Sequence[Array]) -> Array:
-    """Weighed positions of all samples in one row. [3 S]."""
+    """Return the weighted positions of all S samples as one vector, m. [3 S]."""
     places = [row.position if isinstance(row, Flight) else row for row in rows]
     return np.concatenate([weight[:, None] * at for weight, at in zip(replay.weights, places, strict=True)]).ravel()
 
 
 def _projected(replay: ThrowReplay, plain: Sequence[Flight], moved: Sequence[Flight]) -> tuple[float, float]:
-    """How much of a change explains best what a replay leaves.
+    """Project the difference between measurement and replay onto a change of the replay.
 
     Args:
         replay: Throws.
@@ -174,7 +177,7 @@ def _projected(replay: ThrowReplay, plain: Sequence[Flight], moved: Sequence[Fli
         moved: The replay with the change.
 
     Returns:
-        Factor on the change, and the share of the squared distances that it then explains.
+        The best factor on the change, and the share of the squared distances that the change explains with it.
     """
     start = _stacked(replay, plain)
     rest, shift = _stacked(replay, replay.measured) - start, _stacked(replay, moved) - start
@@ -183,16 +186,16 @@ def _projected(replay: ThrowReplay, plain: Sequence[Flight], moved: Sequence[Fli
 
 
 def _together(effect: BodyEffect, points: Sequence[Applied], errors: Sequence[float], plain: float) -> Applied | None:
-    """The best of every amplitude at once; None where fewer than two of them help alone.
+    """Combine the best value of each amplitude into one point; None if fewer than two amplitudes help alone.
 
-    A table that tilts about both axes is far from each of them, and a search that moves along one after the other stays at the
-    first valley.
+    Example: the point of a table that tilts about both axes is far from both axes of the grid, and a search along one axis
+    after the other would stop in the first valley.
 
     Args:
         effect: The effect.
         points: The points of its grid.
-        errors: Mean error at each, m.
-        plain: Mean error without it, m.
+        errors: Mean error at each point, m.
+        plain: Mean error without the effect, m.
     """
     amplitudes = [parameter.name for parameter in effect.parameters if parameter.amplitude]
     found: dict[str, float] = {}
@@ -211,13 +214,13 @@ def _together(effect: BodyEffect, points: Sequence[Applied], errors: Sequence[fl
 
 
 def reach(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, parameter: Parameter) -> tuple[float, float]:
-    """Bounds of a parameter: its own, and those of the figure that it changes.
+    """Return the bounds of a parameter: the tighter of its own and those of the figure that it changes.
 
     Args:
         replay: Throws and model.
-        others: Effects that are there besides.
+        others: Effects that are also present.
         effect: The effect.
-        parameter: Name of the parameter.
+        parameter: The parameter.
     """
     figure = effect.figures[parameter.name]
     now, (low, high) = body_setup(replay.body, others).figures[figure], BOUNDS[figure]
@@ -229,13 +232,13 @@ def reach(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, pa
 
 
 def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0, *, held: int = 0) -> ThrowFit:
-    """Fit all sizes together, one after the other, from where the grid found them.
+    """Fit all sizes by one pass of line searches, one parameter after the other.
 
     Args:
         replay: Throws.
-        effects: Start values.
+        effects: Effects with their start values, such as the best grid points.
         share: Width of the first brackets, as a share of the grid's spacing.
-        held: Number of effects, from the first on, that keep their sizes.
+        held: Number of effects at the front of `effects` that keep their sizes.
     """
     current = list(effects)
     inside, profiles = {}, {}
@@ -261,14 +264,15 @@ def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0, 
 
 
 def _plateau(known: Mapping[float, float], best: float) -> tuple[float, bool]:
-    """Where a plateau begins on which a search ended: a body that sticks does so with any larger friction.
+    """Find the start of the plateau on which a search ended, e.g. a body that sticks does so with any larger friction.
 
     Args:
-        known: Values that were looked at and their errors.
-        best: The best of them.
+        known: Evaluated values and their errors.
+        best: The best value.
 
     Returns:
-        The smallest value of its sign from which on all are as good, and whether values on both sides of it were looked at.
+        The value closest to zero, of the best one's sign, from which on all values are as good as the best one. And whether
+        it differs from the best one and values on both sides of it were evaluated.
     """
     begin = best
     for value in sorted((value for value in known if value * best > 0.0 and abs(value) < abs(best)), key=abs, reverse=True):
@@ -283,13 +287,15 @@ def _with(applied: Applied, key: str, value: float) -> Applied:
 
 
 def _width(effect: BodyEffect, parameter: Parameter, value: float, nothing: float | None) -> float:
-    """Half of the first bracket: to the next size of the grid, which halves what is left of a figure.
+    """Return half the width of the first bracket: the distance to the next size of the grid.
+
+    Close to a vanishing figure the bracket is narrower, since the grid halves such a figure from size to size.
 
     Args:
         effect: The effect.
         parameter: The parameter.
         value: Its value.
-        nothing: Value at which its figure is nothing; None where it has none.
+        nothing: Value at which its figure is zero; None if there is none.
     """
     ratio = max([b / a for a, b in zip(effect.sizes[:-1], effect.sizes[1:], strict=True)], default=2.0)
     width = max(abs(value) * (1.0 - 1.0 / ratio), abs(parameter.typical) * 0.5)
@@ -301,17 +307,17 @@ def _width(effect: BodyEffect, parameter: Parameter, value: float, nothing: floa
 def lowest(
     error: Callable[[float], float], start: float, width: float, low: float, high: float
 ) -> tuple[dict[float, float], bool]:
-    """Minimum of one parameter from a bracket that is widened while its edge is best, by parabolas and golden sections.
+    """Search the minimum over one parameter: widen the bracket while its edge is best, then use parabolas and golden sections.
 
     Args:
-        error: Gives the error at a value.
+        error: Returns the error at a value.
         start: First value.
-        width: Half of the first bracket.
-        low: Smallest value.
-        high: Largest value.
+        width: Half the width of the first bracket.
+        low: Smallest allowed value.
+        high: Largest allowed value.
 
     Returns:
-        The values looked at with their errors, and whether the best is inside its bounds and its bracket.
+        The evaluated values with their errors, and whether the best one is inside its bounds and its bracket.
 
     Source: Brent, Algorithms for Minimization without Derivatives, 1973, chapter 5.
     """
@@ -328,7 +334,7 @@ def lowest(
         edge = min((a, b), key=at)
         if at(edge) >= at(centre) or edge in (low, high):
             break
-        # The edge is better: go on in its direction, twice as far.
+        # The edge is better: move the bracket in that direction, and double the step.
         far = 2.0 * (edge - centre)
         a, b, centre = (max(edge + far, low), centre, edge) if edge < centre else (centre, min(edge + far, high), edge)
     stop = _SHRINK * (b - a)
@@ -340,7 +346,7 @@ def lowest(
         vertex, promised = _parabola(known, left, best, right)
         if promised < _GAIN * known[best] and right - left <= 0.5 * (b - a):
             break
-        # A vertex on a known value would look there again; the wider half has more to tell.
+        # A vertex close to a known value adds nothing; step into the wider half instead.
         if min(abs(vertex - left), abs(vertex - best), abs(right - vertex)) < 0.25 * stop:
             vertex = best + _GOLDEN * (right - best if right - best > best - left else left - best)
         at(vertex)
@@ -349,7 +355,10 @@ def lowest(
 
 
 def _parabola(known: Mapping[float, float], left: float, best: float, right: float) -> tuple[float, float]:
-    """Lowest point of the parabola through three values, and by how much it is below the middle one; infinite if none opens."""
+    """Return the lowest point of the parabola through three values, and its depth below the middle one.
+
+    Returns `best` and infinity if the parabola does not open upwards, or an outer value is not known.
+    """
     if left not in known or right not in known:
         return best, np.inf
     x = np.array([left, best, right]) - best

@@ -1,4 +1,4 @@
-"""What one simulation of a free body is made of: figures of body, contact, surface and tracking, which effects change."""
+"""Parameters ("figures") of one simulation of a free body: body, contact, surface and tracking; effects change them."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
 """Figures and their bounds.
 
 Contact: friction of the pair, restitution, rolling and spinning friction in m, compliance in m/N, its damping in N s/m. Body:
-kg, centre of mass in m, factors of inertia and size. Surface: height in m, tilt in rad about x and y. Losses `v' = -d v`, 1/s;
-gravity, m/s2; a steady force, N. Tracking: factors of its lengths and of its clock, lag of its start speeds in s, and the
-tracked point in the body frame in m."""
+mass in kg, centre of mass in m, factors on inertia and size. Surface: height in m, tilt in rad about x and y. Losses
+`v' = -d v` in 1/s, gravity in m/s2, a steady force in N. Tracking: factors on its lengths and on its clock, lag of its start
+speeds in s, and the tracked point in the body frame in m."""
 
 
 @dataclass
@@ -59,17 +59,17 @@ class BodySetup:
 
     @classmethod
     def nominal(cls, body: FreeBody) -> BodySetup:
-        """Setup of a body without effects."""
+        """Return the setup of a body without effects."""
         own = {"mass": body.mass, "com_x": float(body.com[0]), "com_y": float(body.com[1]), "com_z": float(body.com[2])}
         ones = dict.fromkeys(("inertia", "size", "scale", "rate"), 1.0)
         return cls(dict.fromkeys(BOUNDS, 0.0) | ones | own | dict(body.figures))
 
     def add(self, figure: str, change: float) -> None:
-        """Change a figure, within its bounds."""
+        """Add `change` to a figure, and clip the result to the figure's bounds."""
         self._put(figure, self.figures[figure] + change)
 
     def multiply(self, figure: str, change: float) -> None:
-        """Change a figure by a share of itself, within its bounds."""
+        """Multiply a figure by `1 + change`, and clip the result to the figure's bounds."""
         self._put(figure, self.figures[figure] * (1.0 + change))
 
     def _put(self, figure: str, value: float) -> None:
@@ -78,10 +78,10 @@ class BodySetup:
 
 
 def body_setup(body: FreeBody, effects: Sequence[Applied] = ()) -> BodySetup:
-    """Figures of a body with its own effects and further ones.
+    """Return the setup of a body with its own effects and further ones.
 
     Raises:
-        InputError: An effect is unknown, is none of a body, or its parameters are incomplete.
+        InputError: An effect is unknown, is not an effect of a body, or its parameters are incomplete.
     """
     setup = BodySetup.nominal(body)
     for applied in (*body.effects, *effects):

@@ -1,4 +1,4 @@
-"""How each throw begins, and how well that is known: a replay starts there, and chaos enlarges what is wrong with it."""
+"""Initial state of each throw and its uncertainty: replays start from it, and chaos amplifies its errors."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from gsbridge.gap.contact.throws import Throw, Throws
 from gsbridge.geometry import Array, quat_multiply
 
 WINDOW = 0.06
-"""Length of the first stretch that start speeds are taken from, s: a body should not touch anything in it."""
+"""Length of the shortest stretch that start speeds are estimated from, s; the body should not touch anything in it."""
 
 LONGEST = 0.25
-"""Longest stretch that start speeds are taken from, s."""
+"""Length of the longest stretch that start speeds are estimated from, s."""
 
 _FEWEST = 6
 
 _LONGER = (1.3, 1.6, 2.0, 2.5, 3.1, 3.8)
-"""Multiples of `WINDOW` that are tried one after the other."""
+"""Multiples of `WINDOW` that are tried one after the other as longer stretches."""
 
 _HALF = 0.6745
-"""Standard deviations within which half of a normal law lies."""
+"""Standard deviations within which half of a normal distribution lies."""
 
 _ALIKE = 0.75
-"""Quantile of Fisher's law up to which a longer stretch is as well described as the first one."""
+"""Quantile of the F distribution up to which a parabola counts as describing a longer stretch as well as the first one."""
 
 
 @dataclass(frozen=True)
 class Starts:
-    """First states of N throws in the log's frame.
+    """Initial states of N throws in the log's frame.
 
     Args:
         position: First position of each throw, m. [N, 3].
         quat: First orientation of each throw, wxyz. [N, 4].
         velocity: First velocity of each throw, m/s. [N, 3].
         spin: First angular velocity of each throw, rad/s. [N, 3].
-        logged: Whether speeds come from the log rather than from the poses.
+        logged: Whether speeds come from the log instead of from the poses.
     """
 
     position: Array
@@ -50,7 +50,7 @@ class Starts:
     logged: bool
 
     def shifted(self, noise: ThrowNoise, rng: np.random.Generator) -> Starts:
-        """First states as they might have been, drawn with the noise with which they are known."""
+        """Draw other possible initial states, with the noise of the known ones."""
         draw = [rng.standard_normal(self.position.shape) for _ in range(4)]
         return Starts(
             self.position + noise.position * draw[0],
@@ -63,14 +63,14 @@ class Starts:
 
 @dataclass(frozen=True)
 class ThrowNoise:
-    """How well throws are known.
+    """Measurement noise of throws.
 
     Args:
         position: Standard deviation of one component of a position, m.
         angle: Standard deviation of one component of an attitude, rad.
         velocity: Standard deviation of one component of a start velocity, root mean square over the throws, m/s.
-        spin: Standard deviation of one component of a start spin, likewise, rad/s.
-        shares: Factors by which each throw's velocity and spin are known less well than the mean of all. Each [N].
+        spin: Standard deviation of one component of a start spin, root mean square over the throws, rad/s.
+        shares: Factors from `velocity` and `spin` to the standard deviations of each throw. Each [N].
         logged: Whether speeds come from the log.
     """
 
@@ -83,13 +83,13 @@ class ThrowNoise:
 
 
 def quat_from_turn(turn: Array) -> Array:
-    """Quaternions wxyz of rotation vectors. [..., 3] -> [..., 4]."""
+    """Convert rotation vectors, rad, to quaternions wxyz. [..., 3] -> [..., 4]."""
     half = 0.5 * np.linalg.norm(turn, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * turn * np.sinc(half / np.pi)], axis=-1)
 
 
 def turn_between(quats: Array, reference: Array) -> Array:
-    """Rotation vectors that lead from one attitude to others, in the outer frame. [T, 4], [4] or [T, 4] -> [T, 3]."""
+    """Return the rotation vectors, outer frame, rad, that turn `reference` into `quats`. [T, 4], [4] or [T, 4] -> [T, 3]."""
     change = quat_multiply(quats, np.broadcast_to(reference * np.array([1.0, -1.0, -1.0, -1.0]), quats.shape))
     change = np.where(change[..., :1] < 0, -change, change)
     sine = np.linalg.norm(change[..., 1:], axis=-1, keepdims=True)
@@ -97,18 +97,18 @@ def turn_between(quats: Array, reference: Array) -> Array:
 
 
 def starts_of(throws: Throws) -> tuple[Starts, ThrowNoise]:
-    """First states of throws, and their noise.
+    """Return the initial states of throws, and their noise.
 
-    Speeds are the logged ones where all throws have them. Otherwise a parabola through the poses of the first stretch gives
-    them; it also gives the noise of the poses, since nothing but gravity bends that stretch.
+    Speeds are the logged ones if all throws have them, otherwise those of a parabola through the poses of the first stretch.
+    The residual of the parabola gives the noise of the poses, since only gravity bends that stretch.
     """
     fits = [parabolas(throw) for throw in throws.items]
     position, quat = (np.stack([getattr(throw, key)[0] for throw in throws.items]) for key in ("position", "quat"))
     speeds, spins = np.stack([fit.speed for fit in fits]), np.stack([fit.spin for fit in fits])
-    # Medians: a few throws may touch something in the first stretch.
+    # Use medians, since a few throws may touch something in the first stretch.
     of_position = float(np.sqrt(np.median([fit.squares[0] for fit in fits])))
     of_angle = float(np.sqrt(np.median([fit.squares[1] for fit in fits])))
-    # Throws differ in how long they fly: the mean square is what all of them scatter by.
+    # Throws fly for different times and so differ in accuracy; the root mean square describes the scatter of all of them.
     gain, turning = (float(np.sqrt(np.mean([getattr(fit, key) ** 2 for fit in fits]))) for key in ("gain", "turning"))
     shares = np.array([fit.gain for fit in fits]) / gain, np.array([fit.turning for fit in fits]) / turning
     noise = ThrowNoise(of_position, of_angle, gain * of_position, turning * of_angle, shares)
@@ -124,7 +124,7 @@ def starts_of(throws: Throws) -> tuple[Starts, ThrowNoise]:
 
 
 def pooled_speeds(noises: Sequence[ThrowNoise]) -> list[ThrowNoise]:
-    """Noises of sets of throws with one noise of logged speeds: few throws tell it badly, or not at all."""
+    """Give several sets of throws the same noise of logged speeds: a small set alone determines it badly, or not at all."""
     if not all(noise.logged for noise in noises):
         return list(noises)
     velocity, spin = (float(np.sqrt(np.mean([getattr(noise, key) ** 2 for noise in noises]))) for key in ("velocity", "spin"))
@@ -132,16 +132,16 @@ def pooled_speeds(noises: Sequence[ThrowNoise]) -> list[ThrowNoise]:
 
 
 def _beyond(apart: Array, known: Array) -> float:
-    """Standard deviation of logged speeds: what makes their distances to those of the poses as large as they are.
+    """Estimate the standard deviation of logged speeds from their differences to the speeds of the poses.
 
     Args:
-        apart: Distances, component by component. [N, 3].
+        apart: Differences, component by component. [N, 3].
         known: Standard deviations of the poses' speeds. [N].
 
     Returns:
-        In the unit of the speeds; zero where the poses alone explain the distances.
+        Standard deviation in the unit of the speeds; zero if the noise of the poses alone explains the differences.
     """
-    # Of long flights poses tell speeds best; short ones would hide it.
+    # Poses determine speeds best in long flights; the noise of short ones would hide that of the logged speeds.
     best = known <= np.median(known)
     sizes, spread = np.abs(apart - np.median(apart, axis=0))[best], known[best, None]
 
@@ -153,15 +153,15 @@ def _beyond(apart: Array, known: Array) -> float:
 
 @dataclass(frozen=True)
 class Parabolas:
-    """Motion of a throw's first stretch at its first sample.
+    """Motion of a throw at its first sample, from parabolas through its first stretch.
 
     Args:
         speed: Velocity, m/s. [3].
         spin: Angular velocity, rad/s. [3].
-        acceleration: m/s2. [3].
-        squares: Mean squared residuals of positions, m2, and of attitudes, rad2.
-        gain: Spread of a velocity per spread of a position, 1/s.
-        turning: Spread of an angular velocity per spread of an attitude, 1/s.
+        acceleration: Acceleration, m/s2. [3].
+        squares: Noise variances of positions, m2, and of attitudes, rad2, from the residuals.
+        gain: Standard deviation of a velocity per standard deviation of a position, 1/s.
+        turning: Standard deviation of an angular velocity per standard deviation of an attitude, 1/s.
     """
 
     speed: Array
@@ -173,27 +173,27 @@ class Parabolas:
 
 
 def parabolas(throw: Throw) -> Parabolas:
-    """Motion of a throw's first stretch, from its poses alone: of the longest one that a parabola describes within its noise.
+    """Estimate a throw's initial motion from its poses alone, over the longest stretch that a parabola fits within the noise.
 
-    A longer stretch tells speeds far better; the body's first touch, or spin that precesses, ends it.
+    A longer stretch determines speeds far better; the body's first touch, or a precessing spin, ends it.
     """
     places, turns = throw.position, turn_between(throw.quat, throw.quat[0])
     fits = [_longest(throw.time, values) for values in (places, turns)]
     (place, here, gain), (turn, there, turning) = fits
-    # Rotation vectors about the first sample carry its noise in all of them, which their constant takes up.
+    # All rotation vectors are relative to the first sample and share its noise; the parabola's constant term absorbs that.
     return Parabolas(place[1], turn[1], place[2], (here, there), gain, turning)
 
 
 def _longest(time: Array, values: Array) -> tuple[Array, float, float]:
-    """Parabola through the longest stretch that one describes.
+    """Fit a parabola to the longest stretch that one describes.
 
     Args:
         time: Times of the samples, s. [T].
         values: Positions, m, or rotation vectors, rad. [T, 3].
 
     Returns:
-        Its coefficients [3, 3], the squared noise that the first stretch tells, and the spread of the slope per spread of a
-        sample, 1/s.
+        Its coefficients [3, 3], the noise variance from the first stretch, and the standard deviation of the slope per
+        standard deviation of a sample, 1/s.
     """
     count = max(_FEWEST, int(np.searchsorted(time, WINDOW)))
     first = _parabola(time[:count], values[:count])
@@ -205,15 +205,15 @@ def _longest(time: Array, values: Array) -> tuple[Array, float, float]:
         tried = _parabola(time[:longer], values[:longer])
         if tried[1] > first[1] * f_law.ppf(_ALIKE, 3 * (longer - 3), 3 * (count - 3)):
             break
-        # One step less than what still looks alike: what bends a stretch moves its slope before it shows in what is left.
+        # Keep the stretch before the longest one that passes: a touch changes the slope before it shows in the residual.
         kept, last = last, tried
-    # The median of squares is less than their mean, by a known factor.
+    # The caller takes medians over throws: divide by the ratio of median to mean of a chi squared distribution.
     freedom = 3.0 * (count - 3)
     return kept[0], first[1] * freedom / float(chi2_law.median(freedom)), kept[2]
 
 
 def _parabola(time: Array, values: Array) -> tuple[Array, float, float]:
-    """Coefficients [3, 3], mean squared residual, spread of the slope per spread of a sample. [T], [T, 3]."""
+    """Fit a parabola; return coefficients [3, 3], residual variance, and the slope's deviation per sample's. [T], [T, 3]."""
     rows = np.stack([np.ones_like(time), time, 0.5 * time**2], axis=1)
     inverse = np.linalg.pinv(rows)
     fit = inverse @ values

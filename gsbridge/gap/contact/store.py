@@ -1,4 +1,4 @@
-"""Throws as the workflow keeps them between its rules: one file, all throws of a role behind one another."""
+"""Storage of throws between the rules of the workflow: one file, with all throws of a role one after another."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _SAMPLES = ("time", "position", "quat")
 """Fields with a row per sample."""
 
 _FIRST = ("velocity", "spin")
-"""Fields with a row per throw, not-a-number where it was not logged."""
+"""Fields with a row per throw; not-a-number if they were not logged."""
 
 
 def save_throws(path: str | Path, throws: Mapping[str, Throws]) -> None:
-    """Write throws, whole or not at all.
+    """Write throws to a file, atomically.
 
     Args:
         path: The file (`.npz`).
@@ -42,7 +42,7 @@ def save_throws(path: str | Path, throws: Mapping[str, Throws]) -> None:
 
 
 def load_throws(path: str | Path) -> dict[str, Throws]:
-    """Read throws back, as they were.
+    """Read back the throws that `save_throws` wrote, by role.
 
     Raises:
         InputError: The file is missing or damaged.
@@ -52,7 +52,7 @@ def load_throws(path: str | Path) -> dict[str, Throws]:
 
 
 def _throws(role: str, about: Mapping[str, object], data: Mapping[str, Array]) -> Throws:
-    """The throws of one role."""
+    """Build the throws of one role."""
     edges = np.cumsum(data[f"{role}/counts"])[:-1]
     columns = [np.split(data[f"{role}/{key}"], edges) for key in _SAMPLES]
     first = [[None if np.isnan(row).any() else row for row in data[f"{role}/{key}"]] for key in _FIRST]

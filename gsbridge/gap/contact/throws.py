@@ -1,4 +1,4 @@
-"""Throws: poses of one body over time, many short records, in SI units, checked before anything is computed from them."""
+"""Throws (many short records of the poses of one body, in SI units), checked before anything is computed from them."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from gsbridge.gap.formats.columns import Columns, read_table
 from gsbridge.geometry import Array
 
 FEWEST = 8
-"""Smallest number of throws in a role: with fewer, a bootstrap over throws tells nothing."""
+"""Smallest number of throws in a role: with fewer, a bootstrap over throws says nothing."""
 
 SHORTEST = 0.1
-"""Smallest length of a throw, s."""
+"""Shortest accepted throw, s."""
 
 _ROWS = 10
-"""Fewest samples in a throw."""
+"""Smallest number of samples in a throw."""
 
 _UNIT_NORM = 0.05
-"""Largest accepted difference of a quaternion's length from one."""
+"""Largest accepted difference of a quaternion's length from 1."""
 
 _AXES = "xyz"
 
@@ -39,8 +39,8 @@ class Throw:
         time: Times of the samples, s, rising, from 0. [T].
         position: Position of the body frame's origin in the log's frame, m; z is up. [T, 3].
         quat: Attitude of the body frame in the log's frame, wxyz. [T, 4].
-        velocity: Velocity at the first sample, log's frame, m/s, where it was logged. [3].
-        spin: Angular velocity at the first sample, log's frame, rad/s, where logged. [3].
+        velocity: Velocity at the first sample, log's frame, m/s; None if it was not logged. [3].
+        spin: Angular velocity at the first sample, log's frame, rad/s; None if it was not logged. [3].
     """
 
     name: str
@@ -74,11 +74,11 @@ class Throws:
         return len(self.items)
 
     def part(self, first: int, last: int) -> Throws:
-        """Some of them, in their order."""
+        """Return the throws from `first` up to, but without, `last`."""
         return Throws(self.items[first:last], self.digest, self.name)
 
     def content_digest(self) -> str:
-        """SHA-256 over times and poses."""
+        """Return the SHA-256 of times and poses."""
         total = hashlib.sha256()
         for throw in self.items:
             for values in (throw.time, throw.position, throw.quat):
@@ -91,11 +91,11 @@ def read_throws(path: str | Path, columns: Mapping[str, str] | None = None, unit
 
     Args:
         path: File or folder.
-        columns: Names of the files' columns, by our names; columns that are left out have our names.
-        units: Units by our name of a column or by its kind, for files whose headers state none.
+        columns: Maps our name of a column to the files'; other columns have our names.
+        units: Maps our name of a column, or only its kind, to its unit; for files whose headers state no units.
 
     Raises:
-        InputError: The files cannot be read, a column or unit is missing, a value is no number, times do not rise, a
+        InputError: The files cannot be read, a column or unit is missing, a value is not a number, times do not rise, a
             quaternion is not of unit length, or a throw is too short.
     """
     path = Path(path)
@@ -115,13 +115,13 @@ def read_throws(path: str | Path, columns: Mapping[str, str] | None = None, unit
 
 
 def _natural(path: Path) -> tuple[int, str]:
-    """Order of file names that keeps 2 before 10."""
+    """Return a sort key for file names that puts 2 before 10."""
     digits = "".join(character for character in path.stem if character.isdecimal())
     return (int(digits) if digits else -1, path.name)
 
 
 def _throws_of(columns: Columns, *, alone: bool) -> list[Throw]:
-    """All throws of one file."""
+    """Read all throws of one file; `alone` says that the file is a single throw."""
     source = columns.source
 
     def optional(kind: str, dimension: str) -> Array | None:
@@ -178,17 +178,17 @@ def _check_clock(time: Array, source: Path, name: str) -> None:
 
 
 def _numbers(throws: Throws) -> list[int]:
-    """A number for each throw: its own, or its place."""
+    """Return a number for each throw: its name if all names are different numbers, otherwise its index."""
     own = [str(throw.name) for throw in throws.items]
     different = len(set(own)) == len(own) and all(name.isdecimal() for name in own)
     return [int(name) for name in own] if different else list(range(len(own)))
 
 
 def write_throws(path: str | Path, throws: Throws) -> None:
-    """Write throws as one CSV file in the layout that `read_throws` takes.
+    """Write throws as one CSV file in the layout that `read_throws` reads.
 
-    Speeds are those of the first sample in all rows, since only the first counts. Throws keep their numbers where their names
-    are different numbers; others are counted.
+    All rows of a throw repeat the speeds of its first sample, since only the first row is read. Throws keep their names as
+    numbers if all names are different numbers; otherwise they are numbered from 0.
     """
     frames = []
     for number, throw in zip(_numbers(throws), throws.items, strict=True):

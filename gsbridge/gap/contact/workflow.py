@@ -1,4 +1,4 @@
-"""What the stages of the workflow do with a case about a thrown body."""
+"""Stages of the workflow for a case about a thrown body."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ class ThrowBackend(CaseBackend):
         """Read a case from its file and check it.
 
         Raises:
-            InputError: It cannot be used.
+            InputError: The case cannot be used.
         """
         return cls(read_throw_case(path))
 
     @classmethod
     def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> ThrowBackend:
-        """Make a case of throws again from what `save` and `about` have left.
+        """Load a case of throws from the results of `save` and `about`.
 
         Args:
             model: File of the model.
             data: File that `save` wrote (`.npz`).
-            about: What `about` gave, read from `records.json`.
+            about: The return value of `about`, read back from `records.json`.
 
         Raises:
             InputError: A file is missing or damaged.
@@ -66,7 +66,7 @@ class ThrowBackend(CaseBackend):
         save_throws(data, self.case.throws)
 
     def about(self) -> dict[str, Any]:
-        """Content of `records.json`."""
+        """Return the content of `records.json`."""
         parts = {role: _about(role, items) for role, items in self.case.throws.items()}
         return self.described(self.case.body.digest(), MODE, parts, horizon=self.case.horizon)
 
@@ -74,7 +74,7 @@ class ThrowBackend(CaseBackend):
         return ThrowReplay(self.case.body, self.case.throws[role], self.case.horizon)
 
     def compare(self) -> dict[str, Any]:
-        """Distances under the model as it is, and a map of where they show: `comparison.json`."""
+        """Return the content of `comparison.json`: distances under the model as it is, and a map of where they show."""
         replays = {role: self._replay(role) for role in self.case.throws}
         return {
             "unit": ThrowAccount.unit,
@@ -83,7 +83,7 @@ class ThrowBackend(CaseBackend):
         }
 
     def screen(self, bank: str | Path) -> dict[str, Any]:
-        """Walk the grids of all effects, and say before any fit what the throws can tell apart: `screen.json`."""
+        """Simulate the grids of all effects; return the content of `screen.json`: which effects the throws can tell apart."""
         replay = self._replay("fit")
         found = grid_bank(replay, self.case.names, bank)
         return {
@@ -95,20 +95,20 @@ class ThrowBackend(CaseBackend):
         }
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
-        """Diagnose the case. Returns the content of `findings.json`, proven on the third role."""
+        """Diagnose the case; return the content of `findings.json`, tested on the third role."""
         case = self.case
         diagnosis = diagnose_throws(case.body, case.throws, bank, names=case.names, horizon=case.horizon, seed=seed)
         counts = {role: len(items) for role, items in case.throws.items()}
         return ThrowAccount().findings_of(diagnosis, case.throws, seed=seed, reasons=case.reasons, throws=counts)
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
-        """All throws with the model as it was and with effects.
+        """Replay all throws with the original model and with effects.
 
         Returns:
-            Of all samples, throw after throw, `{role}/{what}`: number of the throw, time (s), position (m) and attitude (wxyz)
-            as measured, nominal and explained, distances before and after (m), without `explained` and `after` where there are
-            no effects; and `replays.json`: mean distances before and after, the throws' own numbers, and a map of what
-            remains.
+            Arrays `{role}/{what}` over all samples, throw after throw: index of the throw, time (s), measured, nominal and
+            explained position (m) and attitude (wxyz), and distances before and after (m); without effects there is no
+            `explained` and no `after`. And the content of `replays.json`: mean distances before and after (mm), names of the
+            throws, and a map of what remains.
         """
         arrays: dict[str, Array] = {}
         rows, runs = {}, 0.0
@@ -140,7 +140,7 @@ class ThrowBackend(CaseBackend):
 
 
 def _about(role: str, throws: Throws) -> dict[str, Any]:
-    """What a person wants to know about the throws of a role."""
+    """Return a summary of the throws of a role for a reader."""
     steps = np.concatenate([np.diff(item.time) for item in throws.items])
     speeds = [kind for kind, key in (("velocity", "velocity"), ("angular_velocity", "spin")) if _logged(throws, key)]
     return {
@@ -161,7 +161,7 @@ def _logged(throws: Throws, key: str) -> bool:
 
 
 def _map(replay: ThrowReplay, effects: Sequence[Applied] = ()) -> ResidualMap:
-    """Where the difference to a replay with effects shows, against effect-free replicates of the first throws."""
+    """Map where the difference to a replay with effects shows, against replicates of the first throws with the same effects."""
     few = replay.part(null.FEW)
     sets, plain = null.replicates(few, effects, np.random.default_rng(0)), few.flights(effects)
     rows = [cells(few, [seen.position - at.position for seen, at in zip(row, plain, strict=True)]) for row in sets]
@@ -169,7 +169,7 @@ def _map(replay: ThrowReplay, effects: Sequence[Applied] = ()) -> ResidualMap:
 
 
 def _distances(replay: ThrowReplay) -> dict[str, Any]:
-    """Distances of one role, and where they show."""
+    """Return the distances of one role, and a map of where they show."""
     apart = [at - flight.position for flight, at in zip(replay.flights(), replay.measured, strict=True)]
     sizes = 1e3 * np.sqrt((np.concatenate(along(replay, apart)) ** 2).mean(axis=0))
     return {
@@ -181,11 +181,11 @@ def _distances(replay: ThrowReplay) -> dict[str, Any]:
 
 
 def _alike(few: ThrowReplay, bank: GridBank) -> list[dict[str, Any]]:
-    """Pairs of effects with similar signatures in these throws, in any of their directions, the most similar first."""
+    """Return pairs of effects with similar signatures in these throws, over all their directions, the most similar first."""
     plain = _stack(few.flights())
     shapes = {}
     for name in bank.names:
-        # The smallest size that shows: chaos makes large ones look like any other.
+        # Use the smallest size that shows: with large ones, chaos makes all effects look alike.
         rows = [[_stack(few.flights([applied])) - plain for applied in way] for way in grid_ways(few.body, name)]
         shown = [next((row for row in way if np.abs(row).mean() > few.noise.position), None) for way in rows]
         shapes[name] = np.array([row / np.linalg.norm(row) for row in shown if row is not None])

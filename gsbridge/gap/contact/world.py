@@ -1,7 +1,7 @@
-"""Throws in PyBullet: all bodies of a set in one world, where they meet the surface but not each other.
+"""Simulation of throws in PyBullet: all bodies of a set share one world and touch the surface, but not each other.
 
-Nothing is left to the engine's defaults. The engine's frame lies in the surface: its height and tilt move the throws and
-gravity instead of the plane. A set gives bit for bit what its throws give alone.
+No setting is left to the engine's defaults. The engine's frame is that of the surface, so the surface's height and tilt move
+the throws and gravity instead of the plane. A set of throws gives bit for bit the same results as its throws one by one.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from gsbridge.geometry import Array, quat_from_rotation, rotation_from_quat
 _SOLVER_ITERATIONS = 50
 
 _LOSSES = ("linear_damping", "angular_damping")
-"""Figures of the losses in the air: of speed, of spin."""
+"""Figures of the losses in the air: the loss of speed and that of spin."""
 
 _FINER, _FINEST = 4, 10
-"""Smallest and largest number of steps in one of the model's where a contact is soft; in longer ones a ball rolls too fast."""
+"""Smallest and largest number of steps per step of the model if the contact is soft; in longer steps a ball rolls too fast."""
 
 _SLOW_IMPACT = 0.05
-"""Speed below which impacts give nothing back, m/s."""
+"""Impact speed below which there is no rebound, m/s."""
 
 
 @dataclass(frozen=True)
 class Numerics:
-    """Choices of the engine that no model states; they are varied to learn how much they matter.
+    """Numerical choices of the engine that no model states; they are varied to learn how much they matter.
 
     Args:
         step_factor: Factor on the engine's step.
-        erp: Share of a penetration that one step takes back. It also adds up to this share of its speed to a rebound.
+        erp: Share of a penetration that one step corrects. It also adds up to this share of the impact's speed to a rebound.
         cone: Whether friction is bounded by a circle instead of a square.
     """
 
@@ -56,8 +56,8 @@ class Flight:
 
     Args:
         position: Position of the tracked point, m. [T, 3].
-        quat: wxyz. [T, 4].
-        touched: Whether the body has touched the surface by then. [T].
+        quat: Attitude, wxyz. [T, 4].
+        touched: Whether the body has touched the surface by then. [T] bool.
     """
 
     position: Array
@@ -72,10 +72,10 @@ def simulate(
 
     Args:
         body: Shape and mass properties.
-        setup: Figures.
-        starts: First states.
-        times: Samples of each throw by the log's clock, s, from 0. Each [T].
-        numerics: The engine's own choices.
+        setup: Figures of the simulation.
+        starts: Initial states in the log's frame.
+        times: Times of each throw's samples by the log's clock, s, from 0. Each [T].
+        numerics: The engine's numerical choices; None for the defaults.
 
     Raises:
         InputError: PyBullet cannot load the body.
@@ -93,7 +93,7 @@ def simulate(
         for number, pose, velocity, spin in zip(numbers, *frame.enter(starts, inertial, moments), strict=True):
             quat = np.roll(quat_from_rotation(pose[:3, :3]), -1)
             client.resetBasePositionAndOrientation(number, pose[:3, 3].tolist(), quat.tolist())
-            # The engine moves positions with the speed at a step's end, which shall be that of the step's middle.
+            # The engine moves positions with the speed at a step's end. Start half a step back, so that this is mid-step speed.
             begin = kept[0] ** 0.5 * velocity - 0.5 * step * frame.pull()
             client.resetBaseVelocity(number, begin.tolist(), (kept[1] ** 0.5 * spin).tolist())
         rows, touches = _run(client, plane, numbers, clocks, step, kept, frame.pull())
@@ -106,39 +106,47 @@ def simulate(
 
 
 def _fine_enough(step: float, figures: Mapping[str, float]) -> float:
-    """A step, s, of which even twice as long a one damps a soft contact less than its damper does, if that can be had."""
+    """Return the engine's step, s: short enough, within limits, for a soft contact.
+
+    The engine damps a contact by its stiffness times the step. Even at twice the returned step that should not exceed the
+    damper.
+    """
     soft = 0.5 * figures["compliance"] * figures["contact_damping"]
     return float(np.clip(soft, step / _FINEST, step / _FINER)) if figures["compliance"] > 0 else step
 
 
 class _SurfaceFrame:
-    """Between the log and the engine, whose plane is the surface and whose lengths and times are true."""
+    """Conversion between the log and the engine, whose plane is the surface and whose lengths and times have no scale error."""
 
     def __init__(self, figures: Mapping[str, float]) -> None:
         self.figures = figures
-        # The log's frame from the engine's.
+        # Rotation from the engine's frame to the log's.
         self.turn = Rotation.from_euler("xyz", [figures["tilt_x"], figures["tilt_y"], 0.0]).as_matrix()
         self.lift = np.array([0.0, 0.0, figures["height"]])
         self.offset = np.array([figures[f"offset_{axis}"] for axis in "xyz"])
 
     def pull(self) -> Array:
-        """Acceleration of gravity and the steady force in the engine. [3]."""
+        """Return the acceleration by gravity and the steady force, engine's frame, m/s2. [3]."""
         f = self.figures
         return self.turn.T @ np.array([f["force_x"] / f["mass"], f["force_y"] / f["mass"], -f["gravity"]])
 
     def enter(self, starts: Starts, inertial: Array, moments: Array) -> tuple[Array, Array, Array]:
-        """Poses of the inertial frame, velocities of the centre of mass, angular velocities. [N, 4, 4], [N, 3], [N, 3].
+        """Convert logged initial states to the engine's.
 
         Args:
-            starts: First states as they were logged.
-            inertial: The inertial frame in the body's. [4, 4].
+            starts: Initial states as they were logged.
+            inertial: Pose of the inertial frame in the body frame. [4, 4].
             moments: Principal moments of inertia, kg m2. [3].
+
+        Returns:
+            Poses of the inertial frame [N, 4, 4], velocities of the centre of mass, m/s, [N, 3] and angular velocities, rad/s,
+            [N, 3], in the engine's frame.
         """
         f = self.figures
         attitude = rotation_from_quat(starts.quat)
         arm = attitude @ (inertial[:3, 3] - self.offset)
         spin, velocity = starts.spin * f["rate"], starts.velocity * (f["rate"] / f["scale"])
-        # What is logged late is that of an earlier moment, from which the body has flown on.
+        # Speeds with a lag belong to an earlier moment; propagate them through free flight to the first sample.
         lag = f["lag"] / f["rate"]
         back = Rotation.from_rotvec(-lag * spin).as_matrix()
         velocity = velocity + np.cross(spin, np.einsum("nij,nj->ni", back, arm))
@@ -153,20 +161,29 @@ class _SurfaceFrame:
         return poses, velocity @ self.turn, spin @ self.turn
 
     def leave(self, position: Array, xyzw: Array, inertial: Array) -> tuple[Array, Array]:
-        """Positions of the tracked point and attitudes (wxyz) from the inertial frame's. [T, 3], [T, 4]."""
+        """Convert poses of the inertial frame in the engine to the log's frame.
+
+        Args:
+            position: Positions of the inertial frame, engine's frame, m. [T, 3].
+            xyzw: Its attitudes, as quaternions xyzw. [T, 4].
+            inertial: Pose of the inertial frame in the body frame. [4, 4].
+
+        Returns:
+            Positions of the tracked point, m, and attitudes of the body, wxyz, in the log's frame. [T, 3], [T, 4].
+        """
         attitude = self.turn @ rotation_from_quat(np.roll(xyzw, 1, axis=1)) @ inertial[:3, :3].T
         place = position @ self.turn.T + self.lift - attitude @ (inertial[:3, 3] - self.offset)
         return self.figures["scale"] * place, quat_from_rotation(attitude)
 
 
 def _spun_on(spin: Array, back: Array, attitude: Array, moments: Array) -> Array:
-    """Angular velocities of a later moment, in free flight, which keeps the angular momentum. [N, 3].
+    """Propagate angular velocities to a later moment of free flight, in which angular momentum is constant. [N, 3].
 
     Args:
-        spin: rad/s. [N, 3].
-        back: Turns from the later moment's attitudes to the earlier one's. [N, 3, 3].
+        spin: Angular velocities at the earlier moment, rad/s. [N, 3].
+        back: Rotations from the later moment's attitudes to the earlier one's. [N, 3, 3].
         attitude: Attitudes of the principal axes at the later moment. [N, 3, 3].
-        moments: Principal moments of inertia. [3].
+        moments: Principal moments of inertia, kg m2. [3].
     """
     before = back @ attitude
     momentum = np.einsum("nij,j,nkj,nk->ni", before, moments, before, spin)
@@ -176,7 +193,7 @@ def _spun_on(spin: Array, back: Array, attitude: Array, moments: Array) -> Array
 def _build(
     client: BulletClient, body: FreeBody, setup: BodySetup, count: int, numerics: Numerics, step: float
 ) -> tuple[int, list[int]]:
-    """The surface and copies of the body, with every setting stated."""
+    """Add the surface and `count` copies of the body to the engine, with every setting stated; return their numbers."""
     f = setup.figures
     client.setPhysicsEngineParameter(
         fixedTimeStep=step,
@@ -189,7 +206,7 @@ def _build(
         enableConeFriction=int(numerics.cone),
     )
     plane = client.createMultiBody(0.0, client.createCollisionShape(client.GEOM_PLANE))
-    # Bullet multiplies the friction and restitution of two bodies, so one of them carries ones.
+    # Bullet multiplies the friction and restitution of the two bodies in contact, so those of the thrown body are 1.
     client.changeDynamics(
         plane,
         -1,
@@ -201,7 +218,7 @@ def _build(
     client.setCollisionFilterGroupMask(plane, -1, 1, 2)
     soft = {}
     if f["compliance"] > 0:
-        # Bullet takes the spring's force where a step ends, which damps by the stiffness times the step: that much is left out.
+        # Bullet evaluates the spring at a step's end, which damps by stiffness times step; subtract that from the damper.
         own = max(f["contact_damping"] - step / f["compliance"], 0.0)
         soft = {"contactStiffness": 1.0 / f["compliance"], "contactDamping": own}
     numbers = []
@@ -225,7 +242,7 @@ def _build(
                 # Bullet's own damping grows with the speed.
                 linearDamping=0.0,
                 angularDamping=0.0,
-                # By default Bullet brakes a body before it touches, by an amount that depends on where the last step ended.
+                # By default Bullet brakes a body before it touches, by an amount that depends on how the steps fall.
                 contactProcessingThreshold=0.0,
                 maxJointVelocity=1e4,
                 activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
@@ -244,16 +261,19 @@ def _run(
     kept: Sequence[float],
     pull: Array,
 ) -> tuple[list[Array], Array]:
-    """Poses of the inertial frames at the samples (position, quaternion xyzw; each [T, 7]) and times of first touch. [N].
+    """Run the engine; return poses of the inertial frames at the samples, and times of first touch.
 
     Args:
         client: The engine.
-        plane: The surface.
-        numbers: Bodies.
-        clocks: Samples of each, s.
+        plane: Number of the surface.
+        numbers: Numbers of the N bodies.
+        clocks: Times of each body's samples, s. Each [T].
         step: Step of the engine, s.
-        kept: Shares of speed and of spin that a step leaves in the air.
-        pull: Acceleration of what pulls at the bodies, m/s2. [3].
+        kept: Shares of speed and of spin that remain after one step in the air.
+        pull: Acceleration by gravity and the steady force, engine's frame, m/s2. [3].
+
+    Returns:
+        Positions, m, and quaternions xyzw of each body, each [T, 7], and times of first touch, s, inf for none. [N].
     """
     wanted: dict[int, list[int]] = {}
     for place, clock in enumerate(clocks):
@@ -265,7 +285,7 @@ def _run(
     place_of = {number: place for place, number in enumerate(numbers)}
     look, advance = client.getBasePositionAndOrientation, client.stepSimulation
     moving, push = client.getBaseVelocity, client.resetBaseVelocity
-    # The engine adds a whole step's pull, of which losses leave what they leave of the mean speed.
+    # The next step adds the pull of a whole step without losses; subtract in advance what half a step's losses take of it.
     lost = ((1.0 - kept[0] ** 0.5) * step * pull).tolist()
     for number in range(max(wanted) + 1):
         for place in wanted.get(number, ()):
@@ -276,7 +296,7 @@ def _run(
             for contact in client.getContactPoints(plane):
                 place = place_of[contact[2]]
                 if contact[9] > 0.0 and not np.isfinite(touch[place]):
-                    # Contacts are those of the step that led here.
+                    # The engine reports contacts of the step that has just ended.
                     touch[place] = (number - 1) * step
         advance()
         if min(kept) < 1.0:
@@ -290,8 +310,8 @@ def _run(
 
 
 def _between(known: Array, poses: Array, clock: Array) -> Array:
-    """Poses at the samples, on straight lines between steps. [K], [K, 7], [T] -> [T, 7]."""
-    # Quaternions of one attitude come with either sign; neighbours must have the same one.
+    """Interpolate poses linearly between steps. [K], [K, 7], [T] -> [T, 7]."""
+    # A quaternion and its negative are the same attitude; make the signs of neighbours agree before interpolating.
     flips = np.where((poses[1:, 3:] * poses[:-1, 3:]).sum(axis=1) < 0, -1.0, 1.0)
     poses[1:, 3:] *= np.cumprod(flips)[:, None]
     out = np.stack([np.interp(clock, known, column) for column in poses.T], axis=1)
