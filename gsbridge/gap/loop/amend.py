@@ -1,8 +1,8 @@
-"""From findings about arm, object and camera to the simulation's model file.
+"""Transfer of findings about the arm and a thrown object to the simulation's model file.
 
-What has a figure of its own there (`arm.delay`, `contact.table.friction`) changes it; all else joins the list `effects`, always
-in the order arm, object, camera, so that it does not matter what was found first. What the simulation cannot play is refused by
-name, with what to do instead, since a policy would otherwise learn in a world of which nobody knows what it holds.
+An effect that corresponds to a figure of the model (`arm.delay`, `contact.table.friction`) changes that figure. All others are
+added to the list `effects`, always in the order arm, object, camera, so that the order of the findings does not matter. An
+effect that the simulation cannot play is refused by name, with advice; otherwise a policy would train without it unnoticed.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _OF_JOINTS = {
     "viscous": ("coefficient", "viscous_friction", False),
     "armature": ("inertia", "armature", False),
 }
-"""Effect of a joint: its parameter, the list of `arm` that it changes, and whether it scales instead of being added."""
+"""Effects of a joint: the parameter, the list in `arm` that it changes, and whether it scales the entry or is added to it."""
 
 _OF_ARM = {"command_delay": ("time", "delay"), "gravcomp": ("change", "gravity_compensation")}
-"""Effect of the whole arm: its parameter and the figure of `arm` that it is added to."""
+"""Effects of the whole arm: the parameter, and the figure in `arm` that it is added to."""
 
 _FIGURES = {"stiffness": "stiffness", "damping": "damping"}
 _LOSSES = {"armature": "armature", "viscous": "viscous_friction"}
@@ -40,24 +40,24 @@ _OF_BODY = {
     "spinning_friction": ("contact", "table", "spinning_friction"),
     "gravity_scale": ("gravity",),
 }
-"""Effect of a thrown body: the figure that takes what the body's own figure becomes."""
+"""Effects of a thrown body: the figure of the simulation that is set to the new value of the body's own figure."""
 
 _FROM_ZERO = ("linear_damping", "angular_damping", "steady_force", "table_height", "table_tilt")
-"""Effects on figures that are zero in the simulation, whatever they were in the body's model."""
+"""Effects on figures that are zero in the simulation, so that the whole new value, not the change, becomes the effect."""
 
 _DIGITS = 6
 
 
 def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: str | Path) -> tuple[dict[str, Any], list[str]]:
-    """Content of the simulation's model with everything that the arm's model says.
+    """Return the content of the simulation's model with the figures and effects of the arm's model.
 
     Args:
         nominal: Content of the simulation's model.
         arm: Content of the arm's model (`gsbridge.gap.loop.arm`), calibrated and amended.
-        source: The arm's model, for messages.
+        source: File of the arm's model, for messages.
 
     Returns:
-        The content, and sentences about figures of the calibration that it has no place for.
+        The content, and sentences about calibrated figures that the simulation's model has no place for.
 
     Raises:
         InputError: The simulation cannot play an effect, or a figure is out of its range.
@@ -71,7 +71,7 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
     figures["gravity_compensation"] = float(arm["controller"]["gravity_compensation"])
     figures["delay"] = 0.0
     joints = list(arm["joints"])
-    # The arm's model holds the effects on joints that the simulation had before, too.
+    # Keep only effects on bodies and cameras; the arm's model already contains the simulation's earlier effects on joints.
     kept = [one.record() for one in parse_model(nominal, str(source)).effects_on("body", "camera")]
     added: list[Any] = []
     for effect in arm.get("effects") or []:
@@ -99,19 +99,19 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
 def amend_simulation(
     nominal: str | Path, arm: str | Path, findings: str | Path, calibration: str | Path, model: str | Path, record: str | Path
 ) -> None:
-    """Write the simulation's model with what was found about the arm.
+    """Write the simulation's model with the findings about the arm.
 
     Args:
-        nominal: The simulation's model as it was.
-        arm: The arm's model, amended by the gap workflow.
-        findings: What it found.
+        nominal: File of the simulation's original model.
+        arm: File of the arm's model, amended by the gap workflow.
+        findings: File of the workflow's findings (`findings.json`).
         calibration: Record of the calibration.
-        model: The simulation's amended model.
-        record: Record of the stage: figures before and after, and the evidence.
+        model: File to write the simulation's amended model to.
+        record: File to write the stage's record to: figures before and after, and the evidence.
 
     Raises:
         StageError: Nothing was named, so that there is nothing to amend.
-        InputError: A finding has no place in the simulation's model.
+        InputError: The simulation cannot play an effect, or a figure is out of its range.
     """
     found = read_json(findings)
     _require_named("amend_simulation", found, findings)
@@ -146,18 +146,19 @@ def amend_simulation(
 
 
 def object_content(nominal: Mapping[str, Any], found: Mapping[str, Any], source: str | Path) -> dict[str, Any]:
-    """Content of the simulation's model with everything that was found about a thrown object.
+    """Return the content of the simulation's model with the findings about a thrown object.
 
-    Coefficients, gravity, losses, and height and tilt of the table become those that were found, whatever the model of the
-    throws said before. Shares of mass and inertia, and how far the centre of mass is moved, are taken to hold of the asset.
+    Contact coefficients, gravity, losses, and height and tilt of the table are set to the values that were found, whatever the
+    model of the throws said before. Relative changes of mass and inertia, and the shift of the centre of mass, are applied to
+    the asset.
 
     Args:
         nominal: Content of the simulation's model.
-        found: Findings about the throws.
-        source: The findings, for messages.
+        found: Content of the findings about the throws.
+        source: File of the findings, for messages.
 
     Raises:
-        InputError: An effect is not one on a body, the simulation cannot play it, or a figure is out of its range.
+        InputError: An effect is not an effect on a body, the simulation cannot play it, or a figure is out of its range.
     """
     out = copy.deepcopy(dict(nominal))
     out["effects"] = list(out.get("effects") or [])
@@ -184,12 +185,12 @@ def object_content(nominal: Mapping[str, Any], found: Mapping[str, Any], source:
 
 
 def amend_object(nominal: str | Path, findings: str | Path, model: str | Path) -> None:
-    """Write the simulation's model with what was found about a thrown object.
+    """Write the simulation's model with the findings about a thrown object.
 
     Args:
-        nominal: The simulation's model as it was.
-        findings: What was found.
-        model: The amended model; the evidence stands in its head.
+        nominal: File of the simulation's original model.
+        findings: File of the findings (`findings.json`).
+        model: File to write the amended model to; comments at its top state the evidence.
 
     Raises:
         StageError: Nothing was named, so that there is nothing to amend.
@@ -211,7 +212,7 @@ def _require_named(stage: str, found: Mapping[str, Any], findings: str | Path) -
     """Refuse findings that name nothing.
 
     Raises:
-        StageError: They name nothing.
+        StageError: The findings name nothing.
     """
     if not found["amended"]:
         raise StageError(stage, f"the diagnosis named nothing ({found['verdict']}): {found['sentence']}", f"See {findings}")

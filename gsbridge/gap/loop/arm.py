@@ -1,7 +1,7 @@
-"""The simulated arm as a mechanism of the gap: the same description, controller and losses.
+"""The simulated arm as a mechanism for the gap workflow: the same description, controller and losses.
 
-What the simulation calls `arm.stiffness`, `arm.armature` and so on becomes the controller block of a model as users write it;
-the delay of a simulation that has been amended before becomes an effect, and its effects on joints are those of the arm.
+The simulation's `arm.stiffness`, `arm.armature` and so on become the controller and loss entries of a model as users write
+it. If the simulation was amended before, its delay becomes an effect, and its effects on joints are copied.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from gsbridge.sim.model import Model
 
 
 def write_arm(robot: RobotFiles, model: Model, base_from_table: Array, urdf: str | Path, out: str | Path) -> None:
-    """Write the arm as the simulation knows it: its description without shapes, and its model.
+    """Write the simulated arm: its description without shapes, and its model.
 
     Args:
         robot: The robot's files.
         model: The simulation model.
-        base_from_table: Registered place of the table; which way is down for the base follows from it. [4, 4].
-        urdf: The description.
-        out: The model, in the same folder.
+        base_from_table: Registered pose of the table in the base frame; the direction of gravity follows from it. [4, 4].
+        urdf: File to write the description to.
+        out: File to write the model to, in the same folder.
 
     Raises:
         InputError: The description cannot be used.
@@ -48,13 +48,13 @@ def write_arm(robot: RobotFiles, model: Model, base_from_table: Array, urdf: str
 
 
 def arm_content(robot: RobotFiles, model: Model, base_from_table: Array, urdf: str) -> dict[str, Any]:
-    """Content of the model that `write_arm` writes.
+    """Return the content of the model that `write_arm` writes.
 
     Args:
         robot: The robot's files.
         model: The simulation model.
-        base_from_table: Registered place of the table. [4, 4].
-        urdf: Name of the description, which lies beside the model.
+        base_from_table: Registered pose of the table in the base frame. [4, 4].
+        urdf: File name of the description, which lies beside the model.
     """
     arm, joints = model.arm, list(robot.record["arm_joints"])
     limits = [float(robot.record["limits"][name]["effort"]) for name in joints]
@@ -74,21 +74,21 @@ def arm_content(robot: RobotFiles, model: Model, base_from_table: Array, urdf: s
             "damping": list(arm.damping),
             "gravity_compensation": arm.gravity_compensation,
             "torque_limit": limits,
-            # The driver logs every cycle of its loop, and what it sends holds until the next.
+            # The driver logs every cycle of its loop, and each command holds until the next one.
             "between": "hold",
         },
         "viscous": list(arm.viscous_friction),
         "coulomb": [0.0] * len(joints),
         "armature": list(arm.armature),
         "physics_rate": model.timing.physics_hz,
-        # As the engine of the simulation steps: the gap is that of the simulation, not that of the equations.
+        # Step as the simulation's engine does, so that the gap is that of the simulation and not of the exact equations.
         "scheme": "euler",
         "effects": effects,
     }
 
 
 def _hold_open(tree: ElementTree.Element, robot: RobotFiles) -> None:
-    """Turn the fingers' frames to where the hand is open: joints that are not driven are held at zero."""
+    """Turn the fingers' frames so that the hand is open at zero, where joints that are not driven are held."""
     angle = float(robot.record["gripper"]["open_angle"])
     for joint in tree.findall("joint"):
         factor = robot.record["gripper"]["joints"].get(joint.get("name"))

@@ -1,8 +1,8 @@
-"""Ordinary calibration of an arm's model: the figures that everybody knows an arm to have, fitted all at once to its records.
+"""Ordinary calibration of an arm's model: fits all standard parameters of an arm at once to its records.
 
-What the gap workflow names is what a model *lacks*; it looks for one to three effects. A model that was only ever guessed
-differs in every gain, inertia and friction, and no set of three explains that. So an arm is calibrated once, in the state in
-which it works, and what changes later is named against that.
+The gap workflow names what a model *lacks*; it looks for one to three effects. A model with guessed parameters differs from
+the arm in every gain, inertia and friction, which no set of three effects explains. So an arm is calibrated once, while it
+works properly, and later changes are named relative to that calibrated model.
 
 Source: Swevers et al., Dynamic model identification for industrial robots, IEEE Control Systems Magazine 27, 2007.
 """
@@ -30,25 +30,25 @@ from gsbridge.geometry import Array
 logger = logging.getLogger("gsbridge")
 
 FIGURES = ("stiffness", "damping", "armature", "viscous", "coulomb")
-"""Figures of each joint that are fitted; the delay of all commands is fitted, too."""
+"""Parameters of each joint that are fitted; the delay of all commands is fitted, too."""
 
 _FLOORS = {"stiffness": 1.0, "damping": 0.1, "armature": 1e-3, "viscous": 1e-2, "coulomb": 1e-2}
-"""Sizes below which a figure is as good as zero; they scale the search, SI units."""
+"""Sizes below which a parameter is practically zero, SI units; they set the scale of the search."""
 
 _DELAY = 0.005
-"""Delay below which it is as good as zero, s; it scales the search."""
+"""Delay that is practically zero, s; it sets the scale of the search and the spacing of the delays that are tried first."""
 
 _STEP = 1e-3
-"""Step of finite differences, in shares of a figure's scale."""
+"""Relative step of the finite differences."""
 
 _LONGEST = 0.4
-"""Longest delay, s."""
+"""Longest delay that is tried, s."""
 
 _GRAIN = 0.01
-"""Weight of a channel: the share of its range that counts as one."""
+"""Residual that counts as 1 in the fit, as a share of a channel's range."""
 
 _TAIL = 3.0
-"""Residual, in these units, beyond which it counts less than its square: torques at their limit, contacts."""
+"""Residual, in units of `_GRAIN`, beyond which the robust loss grows less than quadratically (saturated torque, contacts)."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ class Calibration:
     """A calibrated arm.
 
     Args:
-        figures: Fitted figures, by name of `FIGURES`. [N] each.
-        deviations: Standard deviation of each, residuals above the noise allowed for. [N] each.
+        figures: Fitted parameters, by the names in `FIGURES`, SI units. [N] each.
+        deviations: Standard deviation of each parameter, widened if residuals are large. [N] each.
         delay: Delay of the commands, s.
         delay_deviation: Standard deviation of the delay, s.
-        before: Residual of each record under the model as it was, in units of the noise.
-        after: Residual of each record under the calibrated model, in units of the noise.
-        floor: What the calibrated model leaves on records that were not fitted, by kind and joint, SI: the smallest noise under
-            which it would pass for right. [N] each.
-        runs: Simulations.
+        before: Root mean square residual of each record under the original model, in units of the noise, by role.
+        after: Root mean square residual of each record under the calibrated model, in units of the noise, by role.
+        floor: Residual of the calibrated model on held-out records, by kind of channel, SI units: the smallest noise under
+            which the model would count as right. [N] each.
+        runs: Number of simulations.
         seconds: Time that the whole calibration took, s.
     """
 
@@ -80,18 +80,18 @@ class Calibration:
 
 
 def calibrate(system: MechanismModel, records: Mapping[str, Record], held_out: Sequence[str] = ("verify",)) -> Calibration:
-    """Fit all figures of all joints, and the delay of the commands.
+    """Fit the parameters of all joints, and the delay of the commands.
 
     Args:
-        system: The arm as its model has it; its gains are where the search starts.
+        system: The arm's model; the search starts from its values.
         records: Records by role.
-        held_out: Roles that are not fitted, only judged.
+        held_out: Roles that are only judged, not fitted.
     """
     begin = time.perf_counter()
     delay = sum(effect.parameters["time"] for effect in system.effects if effect.name == "command_delay")
     kept = tuple(effect for effect in system.effects if effect.name != "command_delay")
     none = np.zeros(len(system.joints))
-    # Losses and armature are effects with their whole size, so that they may also become smaller than the model says.
+    # Set losses and armature to zero and add them as effects of full size, so that the fit can also lower them.
     bare = replace(system, viscous=none, coulomb=none, armature=none, effects=kept)
     given = {
         "stiffness": system.controller.stiffness,
@@ -109,7 +109,7 @@ def calibrate(system: MechanismModel, records: Mapping[str, Record], held_out: S
     before = {role: _size(JointResiduals.of(plain, record), noise[role]) for role, record in records.items()}
     fitted = [view for role, view in views.items() if role not in held_out]
     for view in fitted:
-        # A model is no better than its structure: a hundredth of a channel's range counts as much as that of any other.
+        # The model's structural error is far above the noise, so weight each channel by a share of its range instead.
         view.set_noise(_GRAIN * np.ptp(view.stack(view.record.measured), axis=0), view.records)
     start[-1] = min(np.arange(0.0, _LONGEST, _DELAY), key=lambda time: _misfit(fitted, _effects(bare, np.r_[start[:-1], time])))
     logger.info("the search starts from a delay of %g s", start[-1])
@@ -142,7 +142,7 @@ def calibrate(system: MechanismModel, records: Mapping[str, Record], held_out: S
 
 
 def _effects(system: MechanismModel, vector: Array) -> tuple[Applied, ...]:
-    """Figures as effects on the bare arm. [5 N + 1]."""
+    """Convert a vector of parameters and the delay to effects on the bare arm. [5 N + 1]."""
     count = len(system.joints)
     rows = {name: vector[k * count : (k + 1) * count] for k, name in enumerate(FIGURES)}
     out = [Applied("command_delay", "", {"time": float(vector[-1])})]
@@ -158,8 +158,10 @@ def _effects(system: MechanismModel, vector: Array) -> tuple[Applied, ...]:
 
 
 def _floor(views: Sequence[JointResiduals], effects: Sequence[Applied]) -> dict[str, Array]:
-    """Spread of means over blocks, of the length at which it is largest, times the root of the length: white noise of this
-    size shows as much at every length of time. By kind, [N] each."""
+    """Return the size of the white noise that would cover the residuals at every time scale, by kind, SI units. [N] each.
+
+    It is the largest root mean square, over block lengths and views, of block means times the root of the block length.
+    """
     first = views[0]
     out = np.zeros(len(first.channels))
     for view in views:
@@ -171,18 +173,18 @@ def _floor(views: Sequence[JointResiduals], effects: Sequence[Applied]) -> dict[
 
 
 def _misfit(views: Sequence[JointResiduals], effects: Sequence[Applied]) -> float:
-    """Sum over views of a loss that large residuals do not dominate."""
+    """Return the sum over views of a robust loss, which large residuals do not dominate."""
     return float(sum(np.sqrt(1.0 + (view.residual(effects) / _TAIL) ** 2).sum() for view in views))
 
 
 def _size(view: JointResiduals, sigma: Array, effects: Sequence[Applied] = ()) -> float:
-    """Residual of a record, in units of the noise."""
+    """Return the root mean square residual of a record, in units of the noise `sigma` [C] (SI units), which the view keeps."""
     view.set_noise(sigma, view.records)
     return float(np.sqrt((view.residual(effects) ** 2).sum() / view.freedom))
 
 
 def calibrated_model(content: Mapping[str, Any], calibration: Calibration) -> dict[str, Any]:
-    """Content of a model file with the calibrated figures in place of its own, and the delay as an effect."""
+    """Return the content of a model file with the calibrated parameters in place of its own, and the delay as an effect."""
     out = dict(content)
     out["controller"] = {
         **content["controller"],

@@ -1,4 +1,4 @@
-"""Stages of the loop about the arm, as the workflow runs them."""
+"""Stages of the closed loop about the arm, as the workflow runs them."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from gsbridge.sim.model import read_model
 
 
 def describe_arm(robot: str | Path, registration: str | Path, model: str | Path, urdf: str | Path, out: str | Path) -> None:
-    """Write the simulated arm as a mechanism of the gap.
+    """Write the simulated arm as a mechanism for the gap workflow.
 
     Args:
         robot: Folder of the robot's description.
-        registration: `registration.json`.
-        model: The simulation's model.
-        urdf: The arm's description.
-        out: Model of the arm, in the same folder.
+        registration: File `registration.json`.
+        model: File of the simulation's model.
+        urdf: File to write the arm's description to.
+        out: File to write the arm's model to, in the same folder.
     """
     placed = read_registration(registration).base_from_table
     write_arm(RobotFiles.read(robot), read_model(model), placed, urdf, out)
@@ -35,13 +35,13 @@ def describe_arm(robot: str | Path, registration: str | Path, model: str | Path,
 def write_loop_case(
     model: str | Path, records: Mapping[str, str], out: str | Path, calibration: str | Path | None = None
 ) -> None:
-    """Write a case of the gap about the arm; nothing in it is written by hand.
+    """Write a case about the arm for the gap workflow.
 
     Args:
-        model: The arm's model.
-        records: Logs by role.
-        out: The case.
-        calibration: Record of the calibration that made the model; its residuals then count as noise.
+        model: File of the arm's model.
+        records: Files of the logs, by role.
+        out: File to write the case to.
+        calibration: Record of the calibration that made the model, whose residuals then count as noise; None for none.
     """
     folder = Path(out).resolve().parent
     content = {
@@ -58,9 +58,9 @@ def calibrate_arm(case: str | Path, model: str | Path, record: str | Path) -> No
     """Calibrate the arm's model on a case's records.
 
     Args:
-        case: The case about the arm as the simulation has it.
-        model: The calibrated model; it must lie in the folder of the case's model, whose URDF it shares.
-        record: Record of the stage.
+        case: File of the case; its model is the arm as simulated.
+        model: File to write the calibrated model to, in the folder of the case's model, whose URDF it shares.
+        record: File to write the stage's record to.
 
     Raises:
         InputError: The case cannot be used.
@@ -89,5 +89,5 @@ def calibrate_arm(case: str | Path, model: str | Path, record: str | Path) -> No
 
 
 def _relative(path: str | Path, folder: Path) -> str:
-    """Path as a file in another folder names it."""
+    """Return a path relative to a folder."""
     return Path(os.path.relpath(Path(path).resolve(), folder)).as_posix()

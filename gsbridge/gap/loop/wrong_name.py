@@ -1,6 +1,6 @@
-"""Controls of the closed loops: amendments that change as much as the named one, and bear a wrong name.
+"""Controls of the closed loops: amendments with a wrong effect that changes the simulation as much as the named one.
 
-If a policy that learned with such a model did as well, it would be the change that helps, and not the diagnosis.
+If a policy trained with such a model did as well, any change of that size would help, and not the diagnosis.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from gsbridge.gap.loop.amend import amended_content
 from gsbridge.geometry import Array
 
 _CLOSE = 0.02
-"""Relative difference of two sizes that are taken for equal."""
+"""Largest relative difference between two sizes that count as equal."""
 
 _TRIES = 40
 
@@ -36,16 +36,16 @@ _TRIES = 40
 def wrong_effect(
     residual: Callable[[Sequence[Applied]], Array], named: Sequence[Applied], who: Sequence[Candidate], seed: int
 ) -> Applied:
-    """An effect that was not named, of the size at which it changes what is simulated as much as the named ones do.
+    """Return an effect that was not named, with the size at which it changes the residual as much as the named ones do.
 
     Args:
-        residual: Whitened residual with some effects. [T, C].
-        named: What was named.
+        residual: Returns the whitened residual with given effects. [T, C].
+        named: The named effects.
         who: Candidates.
-        seed: Decides which of them, and its sign.
+        seed: Random seed that decides which candidate is taken, and its direction.
 
     Raises:
-        StageError: None of them can change as much within what makes sense.
+        StageError: No candidate can change as much within the bounds of its parameters.
     """
     plain = residual(())
     wanted = float(np.linalg.norm(residual(named) - plain))
@@ -65,7 +65,7 @@ def wrong_effect(
 def _sized(
     who: Candidate, way: Mapping[str, float], residual: Callable[[Sequence[Applied]], Array], plain: Array, wanted: float
 ) -> Applied | None:
-    """The effect at the multiple of some parameters at which it changes as much as is wanted; None where none does."""
+    """Return an effect scaled so that it changes the residual by the norm `wanted`; None if no multiple of `way` does."""
     low, high, factor = 0.0, np.inf, 1.0
     for _ in range(_TRIES):
         applied = who.applied(who.effect.scaled(way, factor))
@@ -89,12 +89,12 @@ def amend_arm_wrongly(
     """Write the simulation's model with the calibrated arm and an effect that was not named.
 
     Args:
-        nominal: The simulation's model as it was.
-        arm: The arm's model, calibrated.
-        case: The case that was diagnosed.
-        findings: What was found.
-        model: The simulation's amended model.
-        seed: Decides which effect.
+        nominal: File of the simulation's original model.
+        arm: File of the arm's calibrated model.
+        case: File of the case that was diagnosed.
+        findings: File of the findings (`findings.json`).
+        model: File to write the simulation's amended model to.
+        seed: Random seed that decides which effect is taken.
 
     Raises:
         StageError: Nothing was named, or no other effect changes as much.
@@ -115,11 +115,11 @@ def amend_camera_wrongly(
     """Write the simulation's model with an image effect that was not named.
 
     Args:
-        nominal: The simulation's model as it was.
-        photos: Folders of views, of photos before and after.
-        findings: What was found.
-        model: The amended model.
-        seed: Decides which effect.
+        nominal: File of the simulation's original model.
+        photos: Folders of the views, of the photos before, and of the photos after.
+        findings: File of the findings (`findings.json`).
+        model: File to write the amended model to.
+        seed: Random seed that decides which effect is taken.
 
     Raises:
         StageError: Nothing was named, or no other effect changes as much.
@@ -134,10 +134,10 @@ def amend_camera_wrongly(
 
 
 def _named(found: Mapping[str, Any], source: str | Path) -> list[Applied]:
-    """What findings amend.
+    """Return the effects that findings amend.
 
     Raises:
-        StageError: Nothing.
+        StageError: The findings name nothing.
     """
     if not found["amended"]:
         raise StageError("wrong name", f"nothing was named ({found['verdict']})", f"See {source}")
