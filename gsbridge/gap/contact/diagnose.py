@@ -26,8 +26,10 @@ from gsbridge.gap.diagnosis.findings import Account, Diagnosis, digits_of
 from gsbridge.gap.diagnosis.results import ROLES, AccountEntry, Verification
 
 _HOLDS = 2.0 / 3.0
-"""Share of the gap, in weighted distances, that a named effect must close on `verify`. A wrong one may close half: a small
-loss of speed does so for the gap of a softer contact."""
+"""Share of the gap, in weighted distances, that a named effect must close on `verify`.
+
+A wrong effect may close half of it: a small loss of speed does so for the gap of a softer contact.
+"""
 
 
 def diagnose_throws(
