@@ -15,7 +15,7 @@ _MOVES = 0.02
 """Standard deviation of a command or a position, rad or m, above which a joint counts as moving."""
 
 _AGAINST, _APART, _TOGETHER = -0.8, 0.3, 0.95
-"""Correlations of a position with a command: opposite below the first, unrelated below the second, following above the third."""
+"""Correlations of a position with a command: opposed below the first, unrelated below the second, following above the third."""
 
 _ORDER = 4
 """Order of the differences that remove the motion of a channel and leave its noise."""
