@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 import yaml
 from gap_scores import method_scores, rate, tier_scores
+from matplotlib.axes import Axes
 
 from gsbridge.experiment.gap_benchmark import AREAS
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.benchmark import campaign, chunks, score
 from gsbridge.gap.benchmark.baselines import METHODS
-from gsbridge.report.gap.benchmark_figures import confusion_cells, draw_confusion, effect_title
+from gsbridge.report.gap.benchmark_figures import confusion_cells, draw_calibration, draw_confusion, effect_title
 from gsbridge.report.gap.benchmark_page import headline, write_gap_benchmark
 from gsbridge.report.scores.measured_gap import (
     arm_figures,
@@ -26,6 +27,18 @@ from gsbridge.report.scores.measured_gap import (
 from gsbridge.report.scores.score import read_floors, score_figure
 
 FLOORS = Path(__file__).resolve().parents[2] / "benchmarks/floors.yaml"
+
+
+def test_calibration_draws_every_tier(monkeypatch):
+    drawn, draw = [], Axes.errorbar
+
+    def errorbar(axis, *args, label, **more):
+        drawn.append(label)
+        return draw(axis, *args, label=label, **more)
+
+    monkeypatch.setattr(Axes, "errorbar", errorbar)
+    draw_calibration({tier: method_scores() for tier in ("t0", "t1", "t2", "t5", "t6", "t7", "t9", "t10")})
+    assert len(set(drawn)) == 8
 
 
 def write_tiers(folder, **tiers):

@@ -19,6 +19,8 @@ def trials(path, good: int, count: int = 8):
         for k in range(count):
             word = "true" if k < good else "false"
             writer.writerow(("fixed", k, 1, word, word, "" if k < good else "time_out"))
+        # A start outside the training square counts in no row.
+        writer.writerow(("outside", 0, 1, "false", "false", "time_out"))
     return path
 
 

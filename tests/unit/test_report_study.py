@@ -24,7 +24,9 @@ def policies(folder, variant, successes, *, offset=0.0, evaluations=3, algo="sac
         training, _ = write_policy(folder, cell(variant), [0.5] * evaluations, seed=seed, **more)
         trainings.append(training)
         split = {"fixed": min(good, 32), "unseen": max(good - 32, 0)}
-        trials.append(write_trials(folder, cell(variant), "sim", trial_rows(split), seed=seed))
+        # Starts outside the training square are tried, too, and count in no row of the study.
+        rows = [*trial_rows(split), *trial_rows({"outside": 0}, count=16)]
+        trials.append(write_trials(folder, cell(variant), "sim", rows, seed=seed))
     return trainings, trials
 
 

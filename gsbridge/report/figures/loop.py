@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 
 matplotlib.use("Agg")
 
@@ -17,6 +18,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 from gsbridge.report.tables.formats import Table, markdown
 from gsbridge.report.tables.rows import write_rows
+from gsbridge.report.tables.severity_rows import INSIDE
 from gsbridge.report.tables.statistics import lead_interval, mean_interval
 from gsbridge.report.tables.success_rows import STRICT_WORLD, read_trials
 
@@ -64,7 +66,8 @@ def _row(
     cell: Mapping[str, Any], plan: Mapping[str, str], paths: Sequence[str | Path], steps: Mapping[str, Sequence[int]]
 ) -> dict[str, Any]:
     """Make the row of one variant in one world."""
-    judged = [read_trials(path).judged(plan["world"]) for path in paths]
+    tables = [read_trials(path) for path in paths]
+    judged = [trials.judged(plan["world"])[np.isin(trials.pose_set, INSIDE)] for trials in tables]
     tallies = [(int(good.sum()), len(good)) for good in judged]
     good, tried = (sum(part) for part in zip(*tallies, strict=True))
     low, high = mean_interval([tallies])
@@ -131,7 +134,7 @@ def rows_table(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Ta
         ),
         notes=(
             f"Trainings of each way of learning: {rows[0]['trainings']}, from seed {cell['seed']} on; intervals count them."
-            f" Both sets of start poses. {STRICT_WORLD} is the simulation.",
+            f" Start poses inside the training square. {STRICT_WORLD} is the simulation.",
         ),
     )
 

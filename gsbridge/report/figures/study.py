@@ -6,12 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gsbridge.environment.biased import teacher_name
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 from gsbridge.report.tables.formats import Table, markdown
 from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
 from gsbridge.report.tables.rows import write_rows
+from gsbridge.report.tables.severity_rows import INSIDE
 from gsbridge.report.tables.statistics import lead_interval, mean_interval, mean_rate
 from gsbridge.report.tables.success_rows import read_trials, tallies_in, tallies_text
 
@@ -34,7 +37,7 @@ def write_study(trainings: Sequence[str | Path], trials: Sequence[str | Path], r
 
     Args:
         trainings: `training.json` of every variant and seed.
-        trials: Trials in simulation of the same policies, in the same order; both sets of start poses count.
+        trials: Trials in simulation of the same policies, in the same order; start poses inside the training square count.
         rows_csv: The rows.
         page: The page.
 
@@ -59,6 +62,7 @@ def write_study(trainings: Sequence[str | Path], trials: Sequence[str | Path], r
 
 def _policy(training: str | Path, table: str | Path, seed: int) -> dict[str, Any]:
     record, trials = read_json(training), read_trials(table)
+    inside = trials.judged("sim")[np.isin(trials.pose_set, INSIDE)]
     try:
         return {
             "seed": seed,
@@ -67,8 +71,8 @@ def _policy(training: str | Path, table: str | Path, seed: int) -> dict[str, Any
             "steps": int(record["steps"]),
             "controller": record["controller_success"],
             "cpu_s": sum(record["cpu_seconds"].values()),
-            "trials": len(trials),
-            "successes": int(trials.judged("sim").sum()),
+            "trials": len(inside),
+            "successes": int(inside.sum()),
         }
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(training, f"the record of the training is damaged ({error!r})", "Train the policy again") from error
@@ -164,5 +168,8 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
             "CPU min",
         ),
         rows=body,
-        notes=("Trials in simulation, both sets of start poses. Controllers are tried on the trainings' own start poses.",),
+        notes=(
+            "Trials in simulation from start poses inside the training square. Controllers are tried on the trainings' own"
+            " start poses.",
+        ),
     )

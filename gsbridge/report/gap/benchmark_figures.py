@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -251,7 +252,7 @@ def draw_calibration(tiers: Mapping[str, Mapping[str, Any]]) -> str:
     Args:
         tiers: Our scores by tier, with `calibration`.
     """
-    colours = ("#1f6f8b", "#c2660c", "#2c7a4b", "#7a4f9a")
+    colours = itertools.cycle(("#1f6f8b", "#c2660c", "#2c7a4b", "#7a4f9a", "#b03a52", "#6b6f1d", "#4a5a6a"))
     with plt.rc_context(PLAIN):
         figure, axis = plt.subplots(figsize=(4.6, 3.9), layout="constrained")
         axis.plot([0, 1], [0, 1], color="#b9c3cd", linestyle=(0, (4, 3)), linewidth=1.2)

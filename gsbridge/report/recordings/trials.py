@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -129,7 +130,7 @@ def _log_series(stream: rr.RecordingStream, worlds: Sequence[str]) -> None:
     for world in worlds:
         stream.log(f"plots/actions/{world}", rr.SeriesLines(names=list(ACTIONS), colors=AXES), static=True)
         stream.log(f"plots/forces/{world}", rr.SeriesLines(names=forces, colors=FORCE_COLOURS), static=True)
-    others = [(world, colour) for world, colour in zip(worlds, WORLD_COLOURS, strict=False) if world != SIM]
+    others = [(world, colour) for world, colour in zip(worlds, itertools.cycle(WORLD_COLOURS), strict=False) if world != SIM]
     if len(worlds) > 1:
         names, colours = zip(*others, strict=True)
         stream.log("plots/apart", rr.SeriesLines(names=[_title(world) for world in names], colors=list(colours)), static=True)
@@ -150,7 +151,7 @@ def _log_trial(stream: rr.RecordingStream, start: Start, number: int, begin: flo
     stream.set_time("time", duration=begin)
     stream.log("outcome", rr.TextDocument(_outcome(start, number), media_type="text/markdown"))
     for world, trial in start.trials.items():
-        for (other, shown), colour in zip(start.trials.items(), WORLD_COLOURS, strict=False):
+        for (other, shown), colour in zip(start.trials.items(), itertools.cycle(WORLD_COLOURS), strict=False):
             strips = rr.LineStrips3D([shown.hand], colors=[colour], radii=[0.0012])
             stream.log(f"{world}/table/paths/{other}", strips)
         _log_world(stream, world, trial, number, begin)
