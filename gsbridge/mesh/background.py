@@ -27,7 +27,7 @@ from gsbridge.photogrammetry.sparse import read_points
 logger = logging.getLogger("gsbridge")
 
 _STEPS_PER_DISTANCE = 400
-"""Heights per working distance: about 1 mm at 0.45 m."""
+"""Heights tried per working distance: steps of about 1 mm at 0.45 m."""
 _PATCH_VIEWS = 10
 _FLAT_SHARE = 0.006
 """Relief lower than this share of the working distance is noise."""
@@ -35,7 +35,7 @@ _TEXTURE = 0.006
 
 
 def _choose_views(views: Views, table: TableMap, distance: float) -> Array:
-    """Views of each cell: near ones, spread around it. [ny, nx, K] int, -1 for none."""
+    """Choose the views of each cell: near ones, spread around it. [ny, nx, K] int, -1 for none."""
     x, y = np.meshgrid(table.xs, table.ys)
     cells = np.stack([x, y, np.zeros_like(x)], axis=-1)
     seen = np.stack([visible(view, cells, distance) for view in views])
@@ -54,7 +54,7 @@ def _choose_views(views: Views, table: TableMap, distance: float) -> Array:
 
 
 def measure_relief(views: Views, table: TableMap, distance: float, settings: MeshSettings, threads: int) -> TableMap:
-    """Heights of the table's cells from the photos; exactly 0 where nothing stands.
+    """Measure the heights of the table's cells from the photos; exactly 0 where nothing stands.
 
     Args:
         views: Posed photos.
@@ -90,7 +90,7 @@ def measure_relief(views: Views, table: TableMap, distance: float, settings: Mes
     with ThreadPoolExecutor(threads) as pool:
         for job in [pool.submit(part, a, b) for a, b in zip(rows[:-1], rows[1:], strict=True) if b > a]:
             job.result()
-    # A slight preference for the table itself settles plain areas.
+    # A slight preference for height 0 decides where the photos show no texture.
     bias = 0.06 * (1 - np.exp(-((heights / (2 * step)) ** 2)))
     found, level = smooth_heights(1.0 - score + bias, table.filmed, heights, slope=0.12, limit=1.2)
     zero = int(np.argmin(np.abs(heights)))
@@ -103,9 +103,9 @@ def _significant(found: Array, gain: Array, table: TableMap, distance: float) ->
 
     Args:
         found: Measured heights. [ny, nx].
-        gain: How much better the views agree there than at the table. [ny, nx].
+        gain: How much better the views agree at the measured height than at height 0, in correlation. [ny, nx].
         table: The filmed cells.
-        distance: Working distance.
+        distance: Working distance, m.
     """
     smooth = ndimage.median_filter(found, 5)
     stands = (smooth > _FLAT_SHARE * distance) & table.filmed
@@ -119,7 +119,7 @@ def _significant(found: Array, gain: Array, table: TableMap, distance: float) ->
             keep |= part
     if not keep.any():
         return np.zeros(found.shape)
-    # What is clearly raised carries its lower neighbours along: the well of a plate, the foot of a rim.
+    # Lower neighbours of clearly raised parts belong to them: the well of a plate, the foot of a rim.
     keep = ndimage.binary_propagation(keep, mask=(smooth > 0.4 * _FLAT_SHARE * distance) & table.filmed)
     keep = ndimage.binary_fill_holes(keep)
     ring = ndimage.binary_dilation(keep, iterations=2)
@@ -170,7 +170,7 @@ def table_mesh(table: TableMap, faces: int) -> Mesh:
 
 
 def _cell_of(table: TableMap, x: Array, y: Array) -> tuple[Array, Array]:
-    """Row and column of the cells that hold points."""
+    """Row and column of the cell that holds each point."""
     cell = float(table.xs[1] - table.xs[0])
     i = np.clip(np.rint((y - table.ys[0]) / cell).astype(int), 0, len(table.ys) - 1)
     j = np.clip(np.rint((x - table.xs[0]) / cell).astype(int), 0, len(table.xs) - 1)
@@ -231,7 +231,7 @@ def slab(table: TableMap, thickness: float, faces: int) -> Mesh:
 
 
 MIN_TABLE_M = (0.9, 0.7)
-"""Longer and shorter side of the table that a robot's working area wants, m."""
+"""Longer and shorter side of the table that a robot's working area needs, m."""
 
 
 def mesh_background(

@@ -1,9 +1,10 @@
-"""What the photos show right beside an object's masks: depth measured there, above the table, is a part that all masks lost.
+"""A check for parts of an object that all masks lost: stereo depth right beside the masks, above the table.
 
-Masks of the table's colour lose a chimney of that colour in every photo, and then agree with each other, with their hull and
-with the mesh. Stereo knows nothing of colours. But a patch that holds the object's outline shows the object's depth beside the
-object, as far as the patch reaches, which in small photos is further than a lost part need be. So only depth beyond that reach
-counts: beside a plain cube 65 px wide, 161 points lay further off than 5 % of its size, 43 of them in one place; now 3 do.
+Masks made by the table's colour lose, say, a chimney of that colour in every photo. They then agree with each other, with their
+hull and with the mesh. Stereo does not depend on colour models and finds such a part. But a stereo patch that contains the
+object's outline gives the object's depth to pixels beside the object, as far as the patch reaches, and in small photos that is
+farther than a lost part may be. So only depth beyond a patch's reach counts: beside a plain cube 65 px wide, 161 points lay
+farther off than 5 % of its size without this rule, 43 of them in one place; with it 3 do.
 """
 
 from __future__ import annotations
@@ -25,15 +26,15 @@ from gsbridge.mesh.repair import depth_inside
 from gsbridge.meshes import Mesh
 
 _AROUND = 0.12
-"""How far beyond the patches that hold a mask's outline depth is looked for, as a share of the root of its area."""
+"""Width of the band beyond the patches on a mask's outline in which depth is searched, as a share of the root of its area."""
 _VOXELS = 96
 """Samples of the hull of the widened masks."""
 _ACROSS = 32
-"""Depths wanted along the root of a mask's area: enough to notice a part that is lost, not to reconstruct it."""
+"""Depths wanted along the root of a mask's area: enough to notice a lost part, too few to reconstruct it."""
 _OFF = 0.05
-"""Points this far from the mesh, as a share of its size, are not its own."""
+"""Points farther than this from the mesh, as a share of its size, do not belong to it."""
 _LOW = 0.06
-"""Points below this share of the size may be the table's."""
+"""Points lower than this, as a share of the mesh's size, may be the table's and do not count."""
 _PART = 0.003
 """A cluster with at least this share of all points is a part of the object: chance clusters are smaller, a chimney larger."""
 _FEWEST = 20
@@ -41,7 +42,7 @@ _FEWEST = 20
 
 
 def points_beside(views: Views, masks: Sequence[Array], settings: MeshSettings, seed: int = 0, threads: int = 1) -> Array:
-    """Points that depth maps of the object and of its surroundings agree on. [N, 3].
+    """Measure points on the object and on its surroundings that depth maps agree on. [N, 3].
 
     Args:
         views, masks: Photos and masks. [H, W] each.
@@ -63,7 +64,7 @@ def points_beside(views: Views, masks: Sequence[Array], settings: MeshSettings, 
 
 
 def beside_doubts(mesh: Mesh, points: Array) -> list[str]:
-    """Whether something is measured beside a mesh that is no part of it.
+    """Report a cluster of measured points beside a mesh, which may be a part that the mesh lacks.
 
     Args:
         mesh: Mesh of the object, standing on z = 0.

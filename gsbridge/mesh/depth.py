@@ -1,4 +1,4 @@
-"""Depth maps of an object's photos and the points that they confirm to each other."""
+"""Depth maps of an object's photos, and the points that several of these maps confirm."""
 
 from __future__ import annotations
 
@@ -23,16 +23,18 @@ _HYPOTHESES = 24
 _DEEP_HYPOTHESES = 40
 _TABLE_HYPOTHESES = 3
 _DEEP_MARGIN = 0.1
-"""The second search, deep into the object, is wider, and so more of its matches are chance: they must be this much better."""
+"""How much better the matches of the second search, deep into the object, must be: that search is wider, so that more of its
+matches are chance."""
 _UPWARD = 0.65
-"""Least height of the first normals (half way between hull and viewer) where the object may be open: lids, not walls."""
+"""Least upward part of a first normal (half way between the hull's and the direction to the viewer) where the object may be
+open: lids pass, walls do not."""
 _SURE = 0.8
-"""Correlation of the first search above which no further surface is looked for behind."""
+"""Correlation of the first search from which on no second surface is searched behind the first."""
 _PASSES = 3
 _TEXTURE = 0.008
 """Patches with a smaller standard deviation (0..1) show sensor noise rather than the surface."""
 _THROUGH, _THROUGH_VIEWS = 0.02, 3
-"""A point this far before the surface that so many views measured is an error; the distance as a share of the object's size."""
+"""A point is an error if this many views measured a surface that far behind it, as a share of the object's size."""
 _TOLERANCE = 0.006
 """Two depths agree within this share of the depth (2.4 mm at 0.4 m); the average then removes most of the difference."""
 
@@ -44,9 +46,9 @@ class DepthCloud:
     Args:
         points: Measured points. [N, 3].
         normals: Unit, outward. [N, 3].
-        confirmed: Per view, lattice pixels with a confirmed depth. [h, w] bool each.
+        confirmed: Per view, whether a lattice pixel has a confirmed depth. [h, w] bool each.
         views: The views at the lattice's size, whose pixels are the lattice pixels.
-        tried: Lattice pixels on the object, over all views.
+        tried: Number of lattice pixels on the object, over all views.
         depths: Per view, confirmed depth along camera z, 0 where there is none. [h, w] each.
     """
 
@@ -65,8 +67,8 @@ class _Photo:
     Args:
         view: Its view.
         grey: Grey picture, 0..1. [H, W] float32.
-        mask: Pixels of which patches may consist. [H, W] bool.
-        sought: Pixels whose depth is looked for. [H, W] bool.
+        mask: Pixels that patches may use. [H, W] bool.
+        sought: Pixels whose depth is wanted. [H, W] bool.
     """
 
     view: View
@@ -76,7 +78,7 @@ class _Photo:
 
 
 def rank_sources(views: Sequence[View], target: Array, count: int, best_deg: float = 12.0) -> list[list[int]]:
-    """Views to compare each view with: seen from `target`, near `best_deg` apart, and spread to both sides.
+    """Choose the views to compare each view with: about `best_deg` apart as seen from `target`, and spread to both sides.
 
     Args:
         views: Posed views.
@@ -100,7 +102,7 @@ def rank_sources(views: Sequence[View], target: Array, count: int, best_deg: flo
         for _ in range(min(count, int(np.isfinite(cost).sum()))):
             pick = int(np.argmin(cost))
             chosen.append(pick)
-            # A view beside one that is already taken sees nearly the same and occludes alike.
+            # A view beside one that is already taken sees nearly the same and has the same occlusions.
             cost = cost + 0.6 * np.exp(-((angles[pick] / best_deg) ** 2))
             cost[pick] = np.inf
         out.append(chosen)
@@ -110,7 +112,7 @@ def rank_sources(views: Sequence[View], target: Array, count: int, best_deg: flo
 def _working_photos(
     views: Views, masks: Sequence[Array], own: Sequence[Array] | None, settings: MeshSettings, scale_to: float
 ) -> list[_Photo]:
-    """Photos shrunk to the working width and cut to the mask's surroundings, whose size is a multiple of the stride.
+    """Shrink photos to the working width and crop them to the mask's surroundings, whose size is a multiple of the stride.
 
     Args:
         views, masks, own, settings: See `depth_cloud`.
@@ -142,7 +144,7 @@ def _working_photos(
 
 
 def _off_outline(mask: Array, own: Array, window: int) -> Array:
-    """Pixels of a mask but those beside the object whose patches hold a part of it: they take on its depth. [H, W] bool.
+    """Pixels of a mask without those beside the object whose patches contain a part of it, and so its depth. [H, W] bool.
 
     Args:
         mask: The object with its surroundings. [H, W] bool.
@@ -154,7 +156,7 @@ def _off_outline(mask: Array, own: Array, window: int) -> Array:
 
 
 def _relative(photo: View, source: View) -> tuple[Array, Array]:
-    """Source pixels of the photo's pixels at infinity, and the shift per inverse depth. [3, 3], [3]."""
+    """Homography from the photo's pixels to the source's at infinite depth, and the shift per inverse depth. [3, 3], [3]."""
     pose = source.cam_from_table @ np.linalg.inv(photo.cam_from_table)
     return (
         source.camera.intrinsics @ pose[:3, :3] @ np.linalg.inv(photo.camera.intrinsics),
@@ -178,17 +180,17 @@ def normals_of_depth(depth: Array, camera: Camera) -> Array:
         normals = normals / length
     rays = camera.pixel_rays()
     normals = np.where((normals * rays).sum(-1, keepdims=True) > 0, -normals, normals)
-    # The hull is rough; a normal half way to the viewer is a safer start.
+    # The hull is rough, so a normal half way to the direction of the viewer is a safer start.
     normals = normals - rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     return np.where(np.isfinite(normals).all(-1, keepdims=True), normals, np.array([0.0, 0.0, -1.0])).astype(np.float32)
 
 
 def enters_from_above(front: Array, normals: Array, view: View) -> Array:
-    """Lines of sight that enter a hull through what may be an opening: its lid, not its walls. [h, w] bool.
+    """Lines of sight that enter a hull through a possible opening: through its upper side, not through its walls. [h, w] bool.
 
     Args:
-        front: Depth of the hull, not finite beside it. [h, w].
+        front: Depth of the hull, m; not finite beside it. [h, w].
         normals: See `normals_of_depth`. [h, w, 3].
         view: The view that sees it.
     """
@@ -205,18 +207,18 @@ def depth_cloud(
     *,
     own: Sequence[Array] | None = None,
 ) -> DepthCloud:
-    """Points on the object from depth maps that agree.
+    """Measure points on the object on which several depth maps agree.
 
     Args:
         views, masks: Photos and masks. [H, W] each.
-        hull: Visual hull: depths are looked for from a little before its front inwards, not below the table.
+        hull: Visual hull; depths are searched from a little in front of it inwards, and not below the table.
         settings: See `MeshSettings`.
         seed: Random seed.
         threads: Threads to use.
-        own: Masks of the object alone, where `masks` hold its surroundings, too. [H, W] each. Of these, only depths count
-            that match clearly better than the table does: a printed grid also matches itself one line further, which all
-            photos of an even orbit see at the same height. None is looked for where a patch holds the object's outline: it
-            would show the object's depth beside the object. Nothing is looked for deep in the hull.
+        own: Masks of the object alone, given if `masks` hold its surroundings, too. [H, W] each. Then a depth counts only if it
+            matches clearly better than the table's: a printed grid also matches itself one line further, which all photos of
+            an even orbit see at the same height. Pixels beside the object whose patches contain its outline are left out,
+            because they take on the object's depth. The second search, deep in the hull, is left out, too.
     """
     stride = settings.stride
     photos = _working_photos(views, masks, own, settings, 0.5)
@@ -270,11 +272,11 @@ def depth_cloud(
             return depth, score
 
         depth, score = search(near, far, _HYPOTHESES, settings.min_score)
-        # A line of sight that enters the hull from above may look into the object: its far wall is where the hull ends.
+        # A line of sight that enters the hull from above may look into the object, so the search goes on to the hull's far end.
         end = np.minimum(float((hull.mesh.vertices @ pose[2, :3] + pose[2, 3]).max()), table).astype(np.float32)
         opened = enters_from_above(near, normals, photo.view) & (end > far)
         if opened.any():
-            # A wall just beyond the first search's end pulls matches to that end.
+            # Matches at the end of the first search's range are unreliable: the surface may lie just beyond it.
             depth[opened & (depth > far - 0.03 * hull.size)] = 0.0
         if opened.any() and own is None:
             deeper = opened & ((score < _SURE) | (depth == 0))
@@ -308,7 +310,7 @@ def _merge(
     settings: MeshSettings,
     tried: int,
 ) -> DepthCloud:
-    """Keep depths that other maps confirm, as points with normals."""
+    """Keep the depths that other maps confirm, and turn them into points with normals."""
     stride = settings.stride
     neighbours = rank_sources([photo.view for photo in photos], middle, 2 * settings.sources)
     points, confirmed, kept_depths = [], [], []
@@ -340,7 +342,7 @@ def _merge(
 
 
 def _oriented(cloud: Array) -> tuple[Array, Array]:
-    """Thin points with their cameras, drop lone ones and give normals towards the cameras. [N, 6] -> [M, 3] x 2."""
+    """Thin out points (each with its camera's centre), drop lone ones, find normals to the cameras. [N, 6] -> [M, 3] x 2."""
     if len(cloud) < 50:
         return np.zeros((0, 3)), np.zeros((0, 3))
     from scipy.spatial import cKDTree
@@ -359,13 +361,13 @@ def _oriented(cloud: Array) -> tuple[Array, Array]:
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", local, local))[1][:, :, 0]
     away = ((centres - points) * normals).sum(1) < 0
     normals[away] *= -1
-    # Onto the plane of the neighbours: noise across the surface goes, detail along it stays.
+    # Moving points most of the way to their neighbours' plane removes noise across the surface and keeps detail along it.
     offset = ((points - points[neighbours].mean(axis=1)) * normals).sum(1)
     return (points - 0.8 * offset[:, None] * normals)[good], normals[good]
 
 
 def seen_through(points: Array, cloud: DepthCloud, size: float) -> Array:
-    """Whether views measured a surface behind points, so that these cannot be there. [N, 3] -> [N] bool.
+    """Whether views measured a surface behind each point, so that the point cannot be there. [N, 3] -> [N] bool.
 
     Args:
         points: Points in the table frame, m. [N, 3].
@@ -374,7 +376,7 @@ def seen_through(points: Array, cloud: DepthCloud, size: float) -> Array:
     """
     count = np.zeros(len(points), int)
     for view, depth in zip(cloud.views, cloud.depths, strict=True):
-        # The nearest depth round a pixel: beside an edge the far side would prove the near side empty.
+        # The nearest depth round a pixel counts, or else the far side of an edge would prove the near side empty.
         nearest = ndimage.minimum_filter(np.where(depth > 0, depth, np.inf), size=3, mode="nearest")
         local = points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3]
         index = np.floor(np.nan_to_num(view.camera.project(local), nan=-1)).astype(int)

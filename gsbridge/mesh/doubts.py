@@ -1,4 +1,4 @@
-"""Why a closed mesh may be wrong, said by what had no part in it: measured points, and the outlines one by one."""
+"""Reasons why a closed mesh may be wrong, from data that did not shape it: sparse points, and the outlines one by one."""
 
 from __future__ import annotations
 
@@ -15,39 +15,41 @@ from gsbridge.photogrammetry.carving import mesh_depth
 from gsbridge.photogrammetry.cavity import cavity_depth
 
 _DISAGREE = 0.1
-"""Share by which mesh and measured points may differ: in height, how far the inside lies from them, and of points that lie off
-the mesh."""
+"""Tolerance between mesh and measured points, as a share of three quantities: of the height; of the object's size, for the
+distance of the inner surface from all points; and of the points, for those that lie off the mesh."""
 _UNSEEN = 0.5
-"""Share of the upward surface without depth above which its shape is a guess."""
+"""If more than this share of the upward surface has no depth, its shape is a guess."""
 _GUESSED = 0.15
-"""Share of the upward surface, or of that inside the outlines, far from all measured points above which it is a guess."""
+"""If more than this share of the upward surface, or of the surface that no outline shows, is far from all measured points, its
+shape is a guess."""
 _FEW_POINTS = 30
-"""With fewer measured points than this, they say nothing about a mesh."""
+"""With fewer measured points than this, mesh and points are not compared."""
 _OUTLINE_WIDTH = 320
 """Masks are compared with the mesh at this width, px."""
 _COVERED = 0.9
-"""Mean overlap (IoU) of masks and mesh below which one of them is wrong."""
+"""Mean overlap (IoU) of masks and mesh below which either masks or mesh are wrong."""
 _AHEAD = 0.03
-"""How far before a surface the photos must still look for it to be the object's own end, as a share of the object's size."""
+"""How far in front of a surface the photos must still show space, as a share of the object's size; if they do not, the surface
+may be the edge of the photos instead of the object's."""
 _CUT_OFF = 0.02
-"""Share of the surface that may end where the photos do."""
+"""Share of the surface that may lie at the edge of the photos."""
 _UNLIKE = 0.85
-"""Overlap below which a single photo contradicts the mesh, and the share of such photos that is too large."""
+"""Overlap (IoU) below which a single photo contradicts the mesh; a tenth of the photos may do so."""
 
 
 def doubts(mesh: Mesh, members: Array, shares: Mapping[str, float]) -> list[str]:
-    """Why a closed mesh may be wrong: where it and the measured points of the object disagree, and where none are.
+    """Why a closed mesh may be wrong: it disagrees with the measured points, or parts of it were not measured at all.
 
     Args:
         mesh: Mesh of the object, standing on z = 0.
-        members: Sparse points of what stands there. [K, 3].
-        shares: `open_share`, of the upward surface without depth; `cavity_share`, of the hull's volume that measured depth has
-            emptied; `guessed_share` and `guessed_inside_share`, of the upward surface and of that inside the outlines near
-            which nothing was measured; `guessed_inside_reach`, how far from all points the latter lies, as a share of the
-            object's size; 0..1.
+        members: Sparse points of the object, m. [K, 3].
+        shares: Five figures, 0..1. `open_share`: share of the upward surface without depth. `cavity_share`: share of the hull's
+            volume that measured depth has emptied. `guessed_share` and `guessed_inside_share`: share of the upward surface, and
+            of the surface that no outline shows, near which nothing was measured. `guessed_inside_reach`: how far that last
+            surface lies from all measured points, as a share of the object's size.
 
     Returns:
-        One reason for each disagreement; none for a mesh to be trusted.
+        One reason for each disagreement; none if the mesh can be trusted.
     """
     reasons = []
     size = float(np.ptp(mesh.vertices, axis=0).max())
@@ -57,7 +59,7 @@ def doubts(mesh: Mesh, members: Array, shares: Mapping[str, float]) -> list[str]
     elif shares["cavity_share"] and shares["guessed_share"] > _GUESSED:
         what = f"nothing was measured near {100 * shares['guessed_share']:.0f} % of the surface that faces upward"
     if what:
-        # At a size of 0.1 m, since the scale may be unknown.
+        # The mesh is scaled to a size of 0.1 m, since the true scale may be unknown.
         if cavity_depth(Mesh(mesh.vertices * (0.1 / size), mesh.faces)):
             reasons.append(f"{what}: the bottom of its opening is unseen and a guess; film from higher up as well")
         else:
@@ -93,7 +95,7 @@ def doubts(mesh: Mesh, members: Array, shares: Mapping[str, float]) -> list[str]
 
 
 def outline_overlaps(mesh: Mesh, views: Sequence[View], masks: Sequence[Array]) -> Array:
-    """Overlap (IoU) of each mask with the mesh as that view sees it; NaN for an empty mask. [V].
+    """Overlap (IoU) of each view's mask with the mesh as the view sees it; NaN for an empty mask. [V].
 
     Args:
         mesh: The mesh, table frame.
@@ -111,7 +113,7 @@ def outline_overlaps(mesh: Mesh, views: Sequence[View], masks: Sequence[Array]) 
 
 
 def outline_doubts(overlaps: Array, names: Sequence[str]) -> list[str]:
-    """Why outlines contradict a mesh.
+    """Report outlines that contradict a mesh.
 
     Args:
         overlaps: See `outline_overlaps`. [V].
@@ -131,7 +133,7 @@ def outline_doubts(overlaps: Array, names: Sequence[str]) -> list[str]:
 
 
 def frame_doubts(mesh: Mesh, views: Sequence[View], fewest: int) -> list[str]:
-    """Whether a mesh ends only because the photos do: what lies before a part of its surface is beyond their borders.
+    """Report a mesh that is cut off by the photos' borders: the space in front of a part of its surface is outside the photos.
 
     Args:
         mesh: The mesh, table frame.

@@ -23,13 +23,14 @@ from gsbridge.photogrammetry.carving import Grid, largest_component, mesh_depth,
 logger = logging.getLogger("gsbridge")
 
 _WALL = 0.02
-"""Thickness of what surely stands behind a measured surface, as a share of the object's size."""
+"""Thickness of the solid wall that is assumed behind a measured surface, as a share of the object's size."""
 _CLEAR = 0.03
-"""Points this near to the table, as a share of the object's size, may be its own; those this near to the top are no floor."""
+"""Points nearer than this to the table, as a share of the object's size, may be the table's own; points nearer than this to the
+object's top are no inner floor."""
 _MOSTLY, _PATCH = 0.8, 12
-"""Share of the measured points nearby that must face upward as well, and the fewest of them."""
+"""Share of the measured points round an upward point that must face upward as well, and their least number."""
 _FLOOR = 0.3
-"""Least upward part of the normal of what is seen from above, as the inside of a vessel is."""
+"""Least z of the normal of a surface that counts as seen from above, as the inside of a vessel is."""
 
 
 def surface_samples(mesh: Mesh, spacing: float, seed: int) -> tuple[Array, Array]:
@@ -58,8 +59,8 @@ def surface_samples(mesh: Mesh, spacing: float, seed: int) -> tuple[Array, Array
 def unexplained(points: Array, hull: Hull, cloud: DepthCloud, spacing: float) -> Array:
     """Hull points that no confirmed depth replaces. [N, 3] -> [N] bool.
 
-    A hull point that a view sees where that view has a confirmed depth is either confirmed or, in a hollow, refuted by it; it
-    is needed only where no view that sees it measured anything, and no measured point is near.
+    Where a view sees a hull point and has a confirmed depth there, that depth confirms the point or, in a hollow, refutes it. A
+    hull point is needed only if no view that sees it has a confirmed depth there and no measured point is near.
 
     Args:
         points: Points on the hull, m. [N, 3].
@@ -72,7 +73,7 @@ def unexplained(points: Array, hull: Hull, cloud: DepthCloud, spacing: float) ->
         camera = view.camera
         lattice = camera.scaled(confirmed.shape[1] / camera.width)
         front = mesh_depth(hull.mesh.vertices, hull.mesh.faces, lattice, view.cam_from_table)
-        # Gaps of a few pixels between confirmed depths lie on the same surface.
+        # Gaps of a few pixels between confirmed depths lie on the same surface, so they count as confirmed.
         closed = ndimage.binary_closing(confirmed, iterations=2)
         local = points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3]
         index = np.floor(np.nan_to_num(lattice.project(local), nan=-1)).astype(int)
@@ -87,7 +88,7 @@ def unexplained(points: Array, hull: Hull, cloud: DepthCloud, spacing: float) ->
 
 
 def bottom_samples(hull: Hull, spacing: float) -> tuple[Array, Array]:
-    """Points on the object's footprint, looking down. [N, 3], [N, 3]."""
+    """Points on the object's footprint, and their normals, which point down. [N, 3], [N, 3]."""
     layer = int(np.argmin(np.abs(hull.grid.axis(2))))
     step = max(1, round(spacing / hull.grid.spacing))
     foot = hull.field[:, :, layer + 1] > 0
@@ -98,7 +99,7 @@ def bottom_samples(hull: Hull, spacing: float) -> tuple[Array, Array]:
 
 
 def poisson(points: Array, normals: Array, depth: int) -> Mesh:
-    """Screened Poisson surface of oriented points, on one thread: with more its sums end in another order each time.
+    """Screened Poisson surface of oriented points, on one thread: with several, the order of its sums changes from run to run.
 
     Args:
         points: Points, m. [N, 3].
@@ -117,7 +118,7 @@ def poisson(points: Array, normals: Array, depth: int) -> Mesh:
 
 
 def trimmed(hull: Hull, cloud: DepthCloud, views: Sequence[View]) -> Hull:
-    """Hull of an object that was seen from one side only, without the far ends of its viewing cones.
+    """Cut off the far ends of the viewing cones from the hull of an object that was seen from one side only.
 
     The unseen side is unknown; the trimmed hull is as deep as it is wide, and no higher than the measured points.
 
@@ -147,13 +148,13 @@ def trimmed(hull: Hull, cloud: DepthCloud, views: Sequence[View]) -> Hull:
 
 
 def measured_wall(grid: Grid, cloud: DepthCloud, hull: Hull) -> Array:
-    """Signed distance of a thin wall under the measured points that face upward, whatever the outlines say.
+    """Signed distance of a thin wall under the measured points that face upward, even where the outlines leave no room for it.
 
-    Masks that lose the dark side of a bowl in a few photos bite holes through its hull, but its inside was measured there.
-    Points right above the table do not count: a mask that holds a part of the table shows those, too.
+    Masks that lose the dark side of a bowl in a few photos cut holes through its hull, although its inside was measured there.
+    Points right above the table do not count, because a mask that contains a part of the table yields such points, too.
 
     Args:
-        grid: Where to look.
+        grid: Grid of the result.
         cloud: Confirmed depth.
         hull: Visual hull.
 
@@ -163,9 +164,9 @@ def measured_wall(grid: Grid, cloud: DepthCloud, hull: Hull) -> Array:
     out = np.full(int(np.prod(grid.shape)), -1e9, np.float32)
     thick, clear, height = _WALL * hull.size, _CLEAR * hull.size, cloud.points[:, 2]
     floor = (height > clear) & (height < hull.mesh.vertices[:, 2].max() - clear) & (cloud.normals[:, 2] > _FLOOR)
-    # Chance matches on speckled clay, say, would grow a wart, but photos from outside look through them at the vessel's side.
+    # Chance matches, on speckled clay for instance, would grow a wart. Photos from outside see the vessel's side through them.
     floor[floor] = ~seen_through(cloud.points[floor], cloud, hull.size)
-    # So would a lone point that faces upward, an error of depth on a side.
+    # A lone point that faces upward, which is an error of depth on a side, would grow a wart as well.
     around = 2.0 * thick
     every, facing = (cKDTree(cloud.points[part]) for part in (np.ones(len(floor), bool), floor))
     near_all = every.query_ball_point(cloud.points, around, return_length=True)
@@ -177,7 +178,7 @@ def measured_wall(grid: Grid, cloud: DepthCloud, hull: Hull) -> Array:
         distance, nearest = np.asarray(found[0]), np.asarray(found[1])
         near = np.flatnonzero(np.isfinite(distance))
         behind = ((points[nearest[near]] - places[near]) * normals[nearest[near]]).sum(1)
-        # Half a cell deeper than measured: where the surface is there already, nothing is added to it.
+        # The wall starts half a cell deeper than measured, so that it adds nothing where the surface is there already.
         out[near] = np.minimum(behind - 0.5 * grid.spacing, thick - distance[near])
     return out.reshape(grid.shape)
 
@@ -185,12 +186,12 @@ def measured_wall(grid: Grid, cloud: DepthCloud, hull: Hull) -> Array:
 def fuse(
     hull: Hull, cloud: DepthCloud, views: Sequence[View], settings: MeshSettings, *, narrow: bool, seed: int
 ) -> tuple[Grid, Array, dict[str, Any]]:
-    """Solid of an object as a signed distance.
+    """Fuse depth, hull and table into the signed distance of a solid object.
 
     Args:
         hull: Visual hull.
         cloud: Confirmed depth.
-        views: The views, whatever their size.
+        views: The views, at any image size.
         settings: See `MeshSettings`.
         narrow: The views show one side only.
         seed: Seed of the hull's samples.
@@ -219,11 +220,11 @@ def fuse(
     low, high = low - 3 * step, high + 3 * step
     grid = Grid.covering(np.array([low[0], low[1], -2 * step]), high, step)
     field = signed_field(surface, grid)
-    # Poisson may bulge where nothing holds it; nothing can lie beyond the hull, give or take its own error.
+    # A Poisson surface may bulge where it has no points, but nothing can lie beyond the hull, up to the hull's own error.
     index = (grid.points() - hull.grid.origin) / hull.grid.spacing
     limit = ndimage.map_coordinates(hull.uncut, index.T, order=1, mode="nearest").reshape(grid.shape)
     field = np.minimum(field, limit + 0.012 * hull.size)
-    # But where depth was confirmed there is a surface: masks that were bitten deny it.
+    # Where depth was confirmed there is a surface, even if masks that lost a part of the object cut it away.
     field = np.maximum(field, measured_wall(grid, cloud, hull))
     field = np.minimum(field, grid.axis(2)[None, None, :]).astype(np.float32)
     return grid, field, figures
@@ -251,7 +252,7 @@ def vertex_colours(mesh: Mesh, views: Sequence[View], images: Sequence[Array]) -
         cosine = (rays * normals).sum(1) / np.linalg.norm(rays, axis=1)
         rows, columns = np.where(valid, index[:, 1], 0), np.where(valid, index[:, 0], 0)
         seen = valid & (cosine > 0.2) & (local[:, 2] < depth[rows, columns] + slack)
-        # A high power lets the most frontal photos win: an even mean would blur the texture.
+        # A high power lets the most frontal photos dominate; an unweighted mean would blur the texture.
         gain = np.where(seen, np.maximum(cosine, 0) ** 6, 0.0)
         total += gain[:, None] * image[rows, columns]
         weight += gain

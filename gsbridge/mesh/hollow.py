@@ -1,7 +1,7 @@
-"""What a hull cannot know: the space that measured depth proves empty, and a top that no outline needs.
+"""Corrections to a visual hull: remove space that measured depth proves empty, and a top that no outline needs.
 
-Outlines taken from one height leave a cone over whatever is open at the top, and no outline shows a cavity. A depth that other
-views confirm shows both: whatever lies in front of it is empty.
+Outlines taken from one height leave a cone over an object that is open at the top, and no outline shows a cavity. Depth that
+other views confirm shows both, because the space in front of a measured surface is empty.
 """
 
 from __future__ import annotations
@@ -25,32 +25,32 @@ from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.carving import largest_component, mesh_depth, mesh_of_field
 
 _VIEWS = 3
-"""Views that must see through a place before it counts as empty: a single wrong depth would drill a hole."""
+"""Views that must see through a place before it counts as empty; otherwise a single wrong depth would drill a hole."""
 _SLACK = 0.012
 """Least distance of an empty place from the measured surface behind it, as a share of the object's size."""
 _GAP, _ALIKE, _AROUND = 0.06, 0.05, 4
-"""Gaps about this wide in the depth of an opening are closed where depths around them differ by less than `_ALIKE`, both as
-shares of the object's size, and are known in at least so many of the 5 x 5 pixels around."""
+"""Gaps up to about `_GAP` wide in the depth of an opening are closed where the depths around differ by less than `_ALIKE` (both
+as shares of the object's size) and at least `_AROUND` of the 5 x 5 pixels around have a depth."""
 _WORTH = 0.01
-"""Share of the hull's volume below which what depth removes is its noise, and the hull stays as it is."""
+"""If depth would remove less than this share of the hull's volume, that is noise of the depth, and the hull stays as it is."""
 _LOWER = 0.03
-"""Share of the hull's size from which on a lower top is taken; less is the outlines' noise."""
+"""The top is lowered only if that takes off at least this share of the hull's size; less is the outlines' noise."""
 _MEASURED = 0.2
-"""Share of the lines of sight into the part above that must end there, measured, for it to stay: a dome with a pattern."""
+"""The top stays, as a patterned dome does, if more than this share of the lines of sight into it end in it, measured."""
 _NEAR = 0.035
-"""Surface this near to a measured point counts as measured, as a share of the object's size: gaps in it are filled."""
+"""Surface nearer than this to a measured point, as a share of the object's size, counts as measured."""
 _AHEAD, _BEYOND, _INNER = 0.06, 0.02, 0.05
-"""How far before a surface the hull is asked, and how deep in it that must lie, as shares of the object's size; and the share
-of the whole surface that must face into the hull to be a hollow rather than a dent."""
+"""A surface faces into the hull if the point `_AHEAD` in front of it lies more than `_BEYOND` deep in the hull, both as shares
+of the object's size. If less than `_INNER` of the whole surface does so, it is a dent and no hollow."""
 _SPECK = 0.001
-"""Share of the whole surface that is too little to be told of."""
+"""Share of the whole surface that is too small to be reported."""
 _OUTLINE_WIDTH = 320
 """Masks are shrunk to this width for the height that the outlines need, px."""
 
 
 @njit(nogil=True)
 def _free_slab(origin, spacing, begin, end, solid, depths, sizes, projections, wanted, out):  # type: ignore[no-untyped-def]
-    """How far before measured surfaces the points of x layers `begin`..`end` lie: the `wanted`-th largest of all views."""
+    """Distance of points in x layers `begin`..`end` in front of measured surfaces: the `wanted`-th largest over all views."""
     largest = np.empty(wanted, np.float32)
     for i in range(begin, end):
         x = origin[0] + spacing * i
@@ -94,8 +94,8 @@ def free_space(hull: Hull, views: Sequence[View], depths: Sequence[Array], threa
         threads: Threads to use.
 
     Returns:
-        The distance that `_VIEWS` views agree on, positive in empty space, m; very low where fewer views say anything, and
-        outside the hull. [nx, ny, nz] float32.
+        The distance that at least `_VIEWS` views confirm, positive in empty space, m; very low where fewer views measured
+        anything, and outside the hull. [nx, ny, nz] float32.
     """
     out = np.full(hull.grid.shape, -1e9, np.float32)
     if len(depths) < _VIEWS:
@@ -103,7 +103,7 @@ def free_space(hull: Hull, views: Sequence[View], depths: Sequence[Array], threa
     sizes = np.array([depth.shape[::-1] for depth in depths])
     maps = np.zeros((len(depths), sizes[:, 1].max(), sizes[:, 0].max()), np.float32)
     for item, depth in zip(maps, depths, strict=True):
-        # The nearest depth round a pixel: beside an edge the far side would prove the near side empty.
+        # The nearest depth round a pixel counts, or else the far side of an edge would prove the near side empty.
         near = np.where(depth > 0, depth, np.inf)
         near = ndimage.minimum_filter(near, size=3, mode="nearest")
         item[: depth.shape[0], : depth.shape[1]] = np.where((depth > 0) & np.isfinite(near), near, 0.0)
@@ -123,11 +123,12 @@ def free_space(hull: Hull, views: Sequence[View], depths: Sequence[Array], threa
 
 
 def _without_gaps(hull: Hull, view: View, depth: Array) -> Array:
-    """Depth of a view with its gaps closed where it looks into an opening of the hull from above. [h, w] -> [h, w] float32.
+    """Close gaps in a view's depth where it looks into an opening of the hull from above. [h, w] -> [h, w] float32.
 
-    Compressed photos and dark walls confirm depth in speckles. The wall that they lie on is known all the same, but three lines
-    of sight through one place seldom all end on speckles, and heaps that no photo shows would stay before the wall. Lines of
-    sight through the hull's sides stay as they are: what is unmeasured there may be a rod before a wall.
+    In compressed photos and on dark walls, depth is confirmed in speckles only. The speckles tell where the wall is, but the
+    lines of sight of three views through one place seldom all end on speckles, so that heaps that no photo shows would remain
+    in front of the wall. Lines of sight through the hull's sides keep their gaps: an unmeasured gap there may be a rod in front
+    of a wall.
     """
     camera, pose = view.camera, view.cam_from_table
     front = mesh_depth(hull.mesh.vertices, hull.mesh.faces, camera, pose)
@@ -136,7 +137,7 @@ def _without_gaps(hull: Hull, view: View, depth: Array) -> Array:
     pixels = camera.fx * hull.size / max(float(pose[2, :3] @ middle + pose[2, 3]), 1e-6)
     out = depth.astype(np.float32)
     brush = np.ones((5, 5), np.uint8)
-    # Each round reaches two pixels further.
+    # Each round closes gaps by two pixels from their edges.
     for _ in range(max(1, round(0.5 * _GAP * pixels))):
         known = out > 0
         count = cv2.boxFilter(known.astype(np.float32), -1, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
@@ -150,10 +151,10 @@ def _without_gaps(hull: Hull, view: View, depth: Array) -> Array:
 
 
 def needed_height(hull: Hull, views: Sequence[View], masks: Sequence[Array]) -> float:
-    """Height up to which the outlines need the hull: cut off there, it still covers what it covers in every mask.
+    """Height up to which the outlines need the hull: cut off there, it still covers nearly all masks as the whole hull does.
 
-    Outlines from one height leave a cone over a flat or open top, which nothing in any picture asks for; a thin tip, which
-    some pictures do show, stays.
+    Outlines from one height leave a cone over a flat or open top that no picture needs. A thin tip that some pictures do show
+    stays.
 
     Args:
         hull: Visual hull.
@@ -167,7 +168,7 @@ def needed_height(hull: Hull, views: Sequence[View], masks: Sequence[Array]) -> 
         if inside.any():
             covered = np.isfinite(mesh_depth(hull.mesh.vertices, hull.mesh.faces, camera, view.cam_from_table))
             small.append((camera, view.cam_from_table, inside & covered))
-    # Two pixels are what an outline is sharp to.
+    # Outlines are accurate to about two pixels.
     brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     middle = hull.mesh.vertices.mean(0)
     blur = []
@@ -190,20 +191,21 @@ def needed_height(hull: Hull, views: Sequence[View], masks: Sequence[Array]) -> 
     while high - low > 0.005 * top:
         half = 0.5 * (low + high)
         low, high = (low, half) if enough(half) else (half, high)
-    # Within two pixels of the outline nothing counts as missed, so the search ends that much too low.
+    # Pixels within two pixels of the outline never count as missed, so that the search ends that much too low.
     return min(top, high + float(np.median(blur)))
 
 
 def lowered(hull: Hull, views: Sequence[View], masks: Sequence[Array], measure: Callable[[], DepthCloud]) -> Hull:
-    """A hull without a top that neither the outlines nor measured points need; the same object where there is none.
+    """Cut off a hull's top if neither the outlines nor measured points need it; else return the same object.
 
-    Matches on a top that does not exist are accidental and hide what lies below, so it goes before the final depth search.
+    Matches on a top that does not exist are accidental and hide the surface below, so the top is cut off before the final depth
+    search.
 
     Args:
         hull: Visual hull.
-        views: The views, whatever their size.
+        views: The views, at any image size.
         masks: Their masks, 0..1. [H, W] each.
-        measure: Measures depth roughly, from this hull inwards; called only where the outlines do not need the top.
+        measure: Measures rough depth from this hull inwards; called only if the outlines do not need the top.
     """
     top = float(hull.mesh.vertices[:, 2].max())
     height = needed_height(hull, views, masks)
@@ -213,7 +215,7 @@ def lowered(hull: Hull, views: Sequence[View], masks: Sequence[Array], measure: 
 
 
 def _measured_above(hull: Hull, cloud: DepthCloud, height: float) -> float:
-    """Share of the lines of sight that enter a hull above a height and were measured to end above it."""
+    """Among the lines of sight that enter a hull above a height, the share with a measured depth above that height."""
     slack = _LOWER * hull.size
     entered = ended = 0
     for view, depth in zip(cloud.views, cloud.depths, strict=True):
@@ -228,14 +230,14 @@ def _measured_above(hull: Hull, cloud: DepthCloud, height: float) -> float:
 
 
 def _rebuilt(hull: Hull, uncut: Array) -> Hull:
-    """The hull of another field; the old one where nothing is left."""
+    """The hull with another field; the old hull if the new field is empty."""
     field = largest_component(np.minimum(uncut, hull.grid.axis(2).astype(np.float32)[None, None, :]))
     mesh = mesh_of_field(hull.grid, field)
     return hull if mesh is None else replace(hull, field=field, uncut=uncut, mesh=mesh)
 
 
 def carved(hull: Hull, cloud: DepthCloud, threads: int) -> tuple[Hull, float]:
-    """A hull without the space that depth proves empty.
+    """Remove from a hull the space that depth proves empty.
 
     Args:
         hull: Visual hull.
@@ -243,7 +245,7 @@ def carved(hull: Hull, cloud: DepthCloud, threads: int) -> tuple[Hull, float]:
         threads: Threads to use.
 
     Returns:
-        The hull and the share of its volume that was removed; the same object and 0 where that is no more than noise.
+        The hull and the share of its volume that was removed; the same object and 0 if that share is no more than noise.
     """
     closed = [_without_gaps(hull, view, depth) for view, depth in zip(cloud.views, cloud.depths, strict=True)]
     free = free_space(hull, cloud.views, closed, threads)
@@ -251,15 +253,15 @@ def carved(hull: Hull, cloud: DepthCloud, threads: int) -> tuple[Hull, float]:
     if share < _WORTH:
         return hull, 0.0
     left = np.where(free > -1e8, _SLACK * hull.size - free, np.inf)
-    # Depth maps end in ragged borders; steps finer than two voxels are their noise.
+    # Depth maps have ragged borders, so steps finer than two voxels are noise.
     left = ndimage.gaussian_filter(np.clip(left, -4 * hull.grid.spacing, 4 * hull.grid.spacing), 0.8)
     return _rebuilt(hull, np.minimum(hull.uncut, left).astype(np.float32)), share
 
 
 def guessed_share(mesh: Mesh, points: Array) -> float:
-    """Share of the surface that faces upward near which nothing was measured: the bottom of a deep cup, say.
+    """Share of the upward surface near which nothing was measured, as on the bottom of a deep cup.
 
-    Lines of sight that end on the far wall of a cup prove the space before them empty, and leave a heap on its bottom.
+    Lines of sight that end on the far wall of a cup prove the space in front of the wall empty, but leave a heap on the bottom.
 
     Args:
         mesh: An object, standing on z = 0.
@@ -270,21 +272,21 @@ def guessed_share(mesh: Mesh, points: Array) -> float:
 
 
 def guessed_inside(mesh: Mesh, points: Array, hull: Mesh, centres: Array) -> tuple[float, float]:
-    """How much of the surface that no outline can have shaped is far from all that was measured, and how far.
+    """Of the surface that no outline can have shaped, the share that is far from all measured points, and how far it is.
 
-    Such a surface faces into the hull, as the inner wall of a pot does: the space before it is in all outlines, and depth alone
-    can have emptied it. What faces away from every camera is left out: the unseen side of a narrow capture and the underside
-    of an apple face into the hull, too, and are no openings.
+    Such a surface faces into the hull, as the inner wall of a pot does: the space in front of it lies inside all outlines, and
+    only depth can have emptied it. Surface that faces away from every camera is left out: the unseen side of a narrow capture
+    and the underside of an apple face into the hull, too, but are no openings.
 
     Args:
         mesh: An object, standing on z = 0.
         points: Measured points, m. [N, 3].
-        hull: Its visual hull, before depth took anything off.
+        hull: Its visual hull, before depth removed anything.
         centres: Places of the cameras, m. [V, 3].
 
     Returns:
-        The share of that surface near which nothing was measured, 0..1, and the distance from all points, as a share of the
-        object's size, that a thousandth of the object's whole surface exceeds there.
+        The share of that surface near which nothing was measured, 0..1; and a distance from all measured points, as a share of
+        the object's size, which a part of that surface as large as a thousandth of the object's whole surface exceeds.
     """
     size = float(np.ptp(mesh.vertices, axis=0).max())
     middles = mesh.corners().mean(1)
@@ -303,9 +305,9 @@ def guessed_inside(mesh: Mesh, points: Array, hull: Mesh, centres: Array) -> tup
 
 
 def _faces_any(mesh: Mesh, centres: Array) -> Array:
-    """Whether the faces of a mesh face any of the cameras, whatever lies between. [V, 3] -> [F] bool."""
+    """Whether each face of a mesh is turned to any of the cameras, occluded or not. [V, 3] -> [F] bool."""
     normals, middles = mesh.normals(), mesh.corners().mean(1)
-    # n . (c - p) over all cameras at once would be [F, V]: the largest is kept.
+    # Only the largest n . c over the cameras is kept; n . (c - p) for all cameras at once would be [F, V].
     ahead = np.full(len(normals), -np.inf)
     for centre in centres:
         np.maximum(ahead, normals @ centre, out=ahead)

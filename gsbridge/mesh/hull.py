@@ -1,4 +1,4 @@
-"""Visual hull of an object from its masks: the collision shape, and the frame for the depth search."""
+"""Visual hull of an object from its masks: the collision shape, and the bounds of the depth search."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def object_box(outlines: Sequence[Silhouette]) -> tuple[Array, Array]:
         rays.append((centre, direction))
         radii.append(reach)
     middle = np.linalg.solve(a, b)
-    # The median forgives masks that ran away; the margin covers what it forgives.
+    # The median tolerates a few masks that are far too large; the margin makes up for views whose radius exceeds the median.
     radius = 1.35 * float(np.median([reach * np.linalg.norm(middle - c) for reach, (c, _) in zip(radii, rays, strict=True)]))
     ahead = np.mean([float((middle - c) @ d) > 0 for c, d in rays])
     if ahead < 0.9 or middle[2] + radius <= 0 or not np.isfinite(radius):
@@ -149,7 +149,7 @@ def build_hull(views: Sequence[View], masks: Sequence[Array], *, vote: float, vo
     tight_low[2] = -_BELOW * spacing
     grid = Grid.covering(tight_low, tight_high, spacing)
     uncut = carve(grid, outlines, vote=level, min_views=fewest, threads=threads)
-    # The masks are sharp to about a pixel; steps finer than a voxel are noise.
+    # The masks are accurate to about a pixel, so steps finer than a voxel are noise.
     uncut = ndimage.gaussian_filter(uncut, 0.8)
     field = largest_component(np.minimum(uncut, grid.axis(2).astype(np.float32)[None, None, :]))
     mesh = mesh_of_field(grid, field)

@@ -33,13 +33,14 @@ from gsbridge.photogrammetry.standing import find_standing
 logger = logging.getLogger("gsbridge")
 
 _FULL_ORBIT_DEG = 200.0
-"""Views spread over less than this leave a side of the object unseen."""
+"""Views that cover a smaller angle than this, degrees, leave a side of the object unseen."""
 _WHOLE_ORBIT_DEG = 270.0
-"""Views spread over less than this leave a part of one side unseen, which only outlines from the other side then bound."""
+"""Views that cover a smaller angle than this, degrees, leave a part of one side unseen, which is then bounded only by outlines
+from the other side."""
 
 
 def azimuth_coverage(views: Views, middle: Array) -> float:
-    """Angle round the object's middle [3] that the views cover, degrees: 360 less the widest gap if that is beyond 45."""
+    """Angle round the object's middle [3] that the views cover, degrees: 360 minus the widest gap if that gap exceeds 45."""
     centres = np.stack([view.centre for view in views]) - middle
     angles = np.sort(np.degrees(np.arctan2(centres[:, 1], centres[:, 0])) % 360.0)
     gap = float(np.diff(np.r_[angles, angles[0] + 360.0]).max())
@@ -68,7 +69,8 @@ def _solid(
         inside = ((sparse > low) & (sparse < high)).all(axis=1)
         points, normals = external_points(backend, views, masks, sparse[inside], threads)
         above = points[:, 2] > 0.5 * hull.grid.spacing
-        # That program's points are the surface; which space is empty, openings above all, the sweep's depth maps tell.
+        # The external program's points give the surface. The sweep's depth maps still tell which space is empty, above all in
+        # openings.
         cloud = replace(cloud, points=points[above], normals=normals[above])
     logger.info("mesh: %d depth points (%s), %.0f %% of the object's pixels confirmed", len(cloud.points), backend, 100 * share)
     hull, cavity = carved(hull, cloud, threads)
@@ -143,7 +145,7 @@ def mesh_object(
     else:
         figures["method"] = "depth and hull, Poisson"
     if (narrow or figures["cavity_share"] or figures["lowered_share"]) and figures["method"] != "hull":
-        # A hull of one side is a pair of cones and a hull never hollow: the fitted solid is the better body for contacts too.
+        # A hull seen from one side is a pair of cones, and no hull is hollow; the fused solid is then better for contacts, too.
         collision = closed_surface(grid, field, settings.collision_faces) or collision
     if visual is None or collision is None:
         raise StageError("mesh", "no closed mesh comes out of the masks", "Look at the masks and at the poses")

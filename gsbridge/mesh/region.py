@@ -1,4 +1,4 @@
-"""Which part of the table a background's photos show."""
+"""The part of the table that a background's photos show."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ _CELLS_PER_DISTANCE = 110
 _REACH = 2.2
 """A view counts for parts of the table up to this many working distances away."""
 _SURE = 0.5
-"""Within this many working distances of where the cameras look, the table needs no points to be believed in."""
+"""Within this many working distances of the point that the cameras look at, the table is assumed to be there even without
+sparse points."""
 _MIN_FALL = 0.17
 """Lines of sight that meet the table flatter than 10 degrees show too little of it."""
 
@@ -29,7 +30,7 @@ class TableMap:
 
     Args:
         xs, ys: Cell centres. [nx], [ny].
-        filmed: Cells that enough views see. [ny, nx] bool.
+        filmed: Whether enough views see a cell. [ny, nx] bool.
         heights: Height of the surface. [ny, nx].
     """
 
@@ -40,7 +41,7 @@ class TableMap:
 
 
 def working_distance(views: Views) -> float:
-    """Median distance from the cameras to where their axes meet the table."""
+    """Median distance from the cameras to the points where their optical axes meet the table."""
     distances = []
     for view in views:
         axis = view.cam_from_table[2, :3]
@@ -56,7 +57,7 @@ def filmed_region(views: Views, sparse: Array, distance: float, settings: MeshSe
 
     Args:
         views: Posed photos.
-        sparse: Sparse points; ground far below the table shows where the table ends. [N, 3].
+        sparse: Sparse points; those far below the table show where the table ends. [N, 3].
         distance: Working distance, m.
         settings: See `MeshSettings`.
 
@@ -88,11 +89,11 @@ def filmed_region(views: Views, sparse: Array, distance: float, settings: MeshSe
 
 
 def _supported(sparse: Array, middle: Array, x: Array, y: Array, distance: float) -> Array:
-    """Cells between sparse points of the table, or near the middle; farther out the table may end. [ny, nx] bool."""
+    """Cells between sparse points of the table, or near the middle; elsewhere the table may have ended. [ny, nx] bool."""
     near = np.hypot(x - middle[0], y - middle[1]) < _SURE * distance
     flat = sparse[np.abs(sparse[:, 2]) < 0.012 * distance][:, :2]
     if len(flat) >= 50:
-        # A point of the table has others beside it; wrong matches and far ground at this height are lonely.
+        # A point of the table has others beside it; wrong matches, and distant things at this height, are isolated.
         flat = flat[np.asarray(cKDTree(flat).query(flat, k=6)[0])[:, -1] < 0.1 * distance]
     if len(flat) < 50:
         return near
@@ -140,5 +141,5 @@ def _beyond_edge(views: Views, sparse: Array, xs: Array, ys: Array, distance: fl
         index = np.floor((cross - (xs[0], ys[0])) / cell + 0.5).astype(int)
         valid = (index >= 0).all(1) & (index[:, 0] < len(xs)) & (index[:, 1] < len(ys))
         np.add.at(hits, (index[valid, 1], index[valid, 0]), 1)
-    # Points that were matched wrongly are rare and scattered; ground seen past an edge is dense.
+    # Wrongly matched points are rare and scattered, while points of the floor seen past the table's edge are dense.
     return ndimage.gaussian_filter(hits, 3) > 0.5

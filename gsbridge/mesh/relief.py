@@ -34,7 +34,7 @@ def agreement(
 
     Args:
         images: Grey photos, 0..1. [V, H, W] float32.
-        sizes: Width and height of each. [V, 2].
+        sizes: Width and height of each photo, px. [V, 2].
         projections: Projections of the views, from the table frame to pixels. [V, 3, 4].
         chosen: Views of each cell, -1 for none. [ny, nx, K].
         xs, ys: Cell centres, m. [nx], [ny].
@@ -141,11 +141,11 @@ def smooth_heights(cost: Array, valid: Array, heights: Array, slope: float, limi
         cost: Cost of each height, low is good. [ny, nx, L].
         valid: Cells that take part. [ny, nx] bool.
         heights: The heights, m, evenly spaced. [L].
-        slope: Penalty of one step of height between neighbours.
-        limit: Largest penalty: that of an edge.
+        slope: Penalty per step of height between neighbours.
+        limit: Largest penalty, which is that of an edge.
 
     Returns:
-        Height of each cell, m, finer than the steps, and the index of the nearest step. [ny, nx], [ny, nx].
+        Height of each cell, m, interpolated between the steps, and the index of the best step. [ny, nx], [ny, nx].
     """
     total = np.zeros(cost.shape, np.float32)
     data = np.ascontiguousarray(cost, dtype=np.float32)

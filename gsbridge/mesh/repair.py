@@ -20,7 +20,7 @@ _COARSE = 4
 def depth_inside(mesh: Mesh, points: Array) -> Array:
     """Signed distance of points to a closed mesh, positive inside. [N, 3] -> [N] float32.
 
-    Inside is what an odd number of surfaces separates from the outside; small flaws of the mesh hurt only near them.
+    A point is inside if a ray from it crosses the surface an odd number of times; flaws of the mesh do harm only near them.
     """
     open3d = import_open3d()
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
@@ -34,7 +34,7 @@ def signed_field(mesh: Mesh, grid: Grid) -> Array:
     def distances(points: Array) -> Array:
         return depth_inside(mesh, points)
 
-    # Far from the surface a coarse grid, interpolated, is as good: a distance changes no faster than the position.
+    # Far from the surface an interpolated coarse grid is good enough, because a distance changes no faster than the position.
     shape = tuple(int(np.ceil((n - 1) / _COARSE)) + 1 for n in grid.shape)
     wide = Grid(grid.origin, grid.spacing * _COARSE, (shape[0], shape[1], shape[2]))
     rough = distances(wide.points()).reshape(wide.shape)
@@ -53,7 +53,7 @@ def is_good(mesh: Mesh | None) -> bool:
 
 
 def components(mesh: Mesh) -> Array:
-    """Label of the connected part of each face. [F]."""
+    """Label of the connected part that each face belongs to. [F]."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -112,8 +112,7 @@ def closed_surface(grid: Grid, field: Array, faces: int) -> Mesh | None:
     if dense is None:
         return None
     dense = largest_part(dense)
-    # The remesher lands within some per cent of its target, on either side.
-    # The remesher is slow on meshes far finer than its target.
+    # The remesher is slow on meshes far finer than its target, and misses its target by some per cent to either side.
     start = _decimated(dense, 4 * faces) if len(dense.faces) > 6 * faces else dense
     start = start if is_good(start) else dense
     for name, make, target in (
@@ -141,7 +140,7 @@ def closed_surface(grid: Grid, field: Array, faces: int) -> Mesh | None:
 
 
 def _seated(mesh: Mesh) -> Mesh:
-    """The mesh without vertices below the table; the few that the remesher pushed through it are set onto it."""
+    """The mesh without vertices below the table; the few that the remesher pushed through the table are set onto it."""
     vertices = mesh.vertices.copy()
     vertices[:, 2] = np.maximum(vertices[:, 2], 0.0)
     return Mesh(vertices, mesh.faces, mesh.colours)

@@ -1,7 +1,8 @@
 """Multi-view depth of one photo: a plane sweep from the hull inwards, refined by PatchMatch. Compiled kernels.
 
-Every lattice pixel holds a small plane (depth and normal). Its score is the mean of the two best correlations of the photo's
-patch with the patches that the plane finds in the source photos: the best two, because the others may not see the place.
+Every lattice pixel holds a small plane (depth and normal). The plane maps the photo's patch into each source photo; its score
+is the mean of the two best correlations between the patches. Only the best two count, because the other sources may not see
+the place.
 
 Source: Bleyer, Rhemann, Rother, BMVC 2011 (slanted planes, spatial propagation); Schoenberger et al., ECCV 2016.
 """
@@ -44,8 +45,8 @@ def _score(
 ) -> Real:
     """Mean of the two best correlations of a patch under the plane `n . x = offset` (camera frame).
 
-    `patch` [3, N] holds x and y from the patch's centre (`u0`, `v0`) and the grey value. Over so few pixels the plane's
-    homography is as good as affine, which saves a division per sample.
+    `patch` [3, N] holds x and y from the patch's centre (`u0`, `v0`) and the grey value. Over so few pixels an affine map is as
+    good as the plane's homography, and saves a division per sample.
     """
     views, height, width = images.shape
     first = np.float32(_WORST)
@@ -134,9 +135,9 @@ def patch_match(
         photo: Grey photo, 0..1. [H, W] float32.
         mask: Pixels that belong to the surface. [H, W] bool.
         images: Grey source photos. [S, H', W'] float32.
-        maps, shifts: Source pixels of photo pixels at infinity, and the shift per inverse depth. [S, 3, 3], [S, 3].
+        maps, shifts: Homographies from photo to source pixels at infinite depth; shift per inverse depth. [S, 3, 3], [S, 3].
         intrinsics: fx, fy, cx, cy of the photo, px. [4].
-        near, far: Depth range per lattice pixel; `near` not finite where there is nothing to find. [h, w] float32.
+        near, far: Depth range per lattice pixel, m; `near` is not finite where there is nothing to find. [h, w] float32.
         normals: First guess of the normals, camera frame. [h, w, 3] float32.
         window: Patch radius, px.
         stride: Lattice step, px: lattice pixel (i, j) is photo pixel (i * stride + stride // 2, ...).
@@ -209,7 +210,7 @@ def patch_match(
                         )
                         if value > best:
                             best, d = value, z
-                # Planes of the neighbours that were visited before in this direction, continued to this pixel.
+                # Try the planes of neighbours that this pass has visited already, extended to this pixel.
                 back = -1 if forwards else 1
                 for k in range(4):
                     hop = 1 if k < 2 else 4
@@ -274,7 +275,7 @@ def confirm(
         intrinsics: fx, fy, cx, cy of the other views' photos, px. [V, 4].
         strides: Lattice step of the depth maps, px.
         tolerance: Largest difference of depth, as a share of the depth.
-        least: Other views that must agree.
+        least: Number of other views that must agree.
 
     Returns:
         The averaged points [h, w, 3] and the number of agreeing views [h, w] (0 where fewer than `least`).
@@ -304,7 +305,7 @@ def confirm(
                 other = others[v, w, u]
                 if other <= 0 or abs(other - cz) > tolerance * cz:
                     continue
-                # The other map's own point on the line of sight through this one: same pixel, its depth.
+                # The other map's point is its own depth along the same pixel's line of sight.
                 t = other / cz
                 ox, oy, oz = cx * t - p[0, 3], cy * t - p[1, 3], other - p[2, 3]
                 sx += p[0, 0] * ox + p[1, 0] * oy + p[2, 0] * oz

@@ -72,7 +72,7 @@ def sequence(*deformations: Deformation) -> Deformation:
 def _heights(vertices: Array, low: float, high: float) -> tuple[Array, float, Array]:
     """Foot of the axis, length of the range, and how far up the range each vertex stands.
 
-    The axis is upright, through the middle of the bounds of what stands in and above the range.
+    The axis is upright and goes through the middle of the bounds of the vertices in and above the range.
 
     Args:
         vertices: Vertices of the mesh, m. [V, 3].
@@ -96,11 +96,11 @@ def _check_range(low: float, high: float) -> None:
 
 
 def bend(angle: float, heading: float = 0.0, *, low: float = 0.0, high: float = 1.0) -> Deformation:
-    """Bend the upright axis into an arc, whose top leans by `angle`; what stands above the range leans rigidly.
+    """Bend the upright axis into an arc whose top leans by `angle`; the part above the range leans rigidly.
 
     Args:
         angle: Turn of the top, rad.
-        heading: Direction it leans to, about z from +x, rad.
+        heading: Direction that the top leans to, about z from +x, rad.
         low, high: Range of heights that bends, as shares of the object's height.
 
     Raises:
@@ -129,7 +129,7 @@ def bend(angle: float, heading: float = 0.0, *, low: float = 0.0, high: float = 
 
 
 def twist(angle: float, *, low: float = 0.0, high: float = 1.0) -> Deformation:
-    """Turn each slice about the upright axis in proportion to its height; what stands above the range turns rigidly.
+    """Turn each slice about the upright axis in proportion to its height; the part above the range turns rigidly.
 
     Args:
         angle: Turn of the top, rad.
@@ -164,7 +164,7 @@ def bulge(amount: float) -> Deformation:
 
 
 def pull(direction: Array, reach: float, radius: float) -> Deformation:
-    """Pull out the point that lies farthest in a direction; its neighbourhood follows ever less, the rest not at all.
+    """Pull out the point that lies farthest in a direction; its neighbours follow less the farther they are from it.
 
     Args:
         direction: Direction of the pull, which also chooses the point. [3].
@@ -174,7 +174,7 @@ def pull(direction: Array, reach: float, radius: float) -> Deformation:
     Raises:
         ValueError: The direction has no length, or the radius is not positive.
 
-    Source: Wendland, Advances in Computational Mathematics 4, 1995: the falloff, twice differentiable.
+    Source: Wendland, Advances in Computational Mathematics 4, 1995, for the falloff, which is twice differentiable.
     """
     length = float(np.linalg.norm(direction))
     if not (length > 0 and radius > 0):

@@ -2,10 +2,11 @@
 
 No photo shows the deformed object, so nothing here is an error against reality. Two things can be measured all the same.
 *Geometry*: the deformed mesh is known exactly. Splats that follow it must cover its silhouette (no holes) and stay within it
-(no spikes); and those of the faces turned to the camera must cover it alone, or else the inside of the far side shows between
-them. That happens at rest too, where a training darkened the front by letting the back through; an edit must not add to it.
-*Colour*: the rest mesh, finely divided, takes its colours from the photos without any splat and is deformed in the same way. It
-is blurred and no truth, so the PSNR against it counts only as a change from rest to edit.
+(no spikes). The splats on the faces turned to the camera must cover the silhouette by themselves, or else the inside of the far
+side shows between them. Some of that happens at rest, where training darkened the front by letting the back shine through; an
+edit must not add to it.
+*Colour*: the rest mesh, finely divided, takes its colours from the photos without any splat and is deformed in the same way.
+Its image is blurred and no ground truth, so the PSNR against it counts only as a change from rest to edit.
 """
 
 from __future__ import annotations
@@ -29,20 +30,20 @@ OPAQUE = 0.5
 """Alpha from which a pixel counts as covered."""
 
 RIM_PX = 1.5
-"""Pixels nearer to the silhouette's outline than this are not asked whether they are covered: they are only partly inside."""
+"""Pixels nearer to the silhouette's outline than this are left out of holes and PSNR, because they are only partly inside."""
 
 SPILL_MM = 2.0
-"""Covered pixels farther from the silhouette than this are spilt, mm."""
+"""Covered pixels farther outside the silhouette than this count as spill, mm."""
 
 
 @dataclass(frozen=True)
 class EditQuality:
-    """Figures over some views, all pixels of all views counting alike.
+    """Figures over some views; every pixel of every view has the same weight.
 
     Args:
         holes: Share of the silhouette's pixels with an alpha below `OPAQUE`, 0..1.
-        see_through: Share of such pixels when only the splats of faces turned to the camera are drawn, 0..1.
-        spill: Covered pixels more than `SPILL_MM` outside the silhouette, as a share of it, 0..1.
+        see_through: The same share when only the splats of faces turned to the camera are drawn, 0..1.
+        spill: Covered pixels more than `SPILL_MM` outside the silhouette, as a share of the silhouette's pixels, 0..1.
         overhang_mm: Largest distance of a covered pixel from the silhouette, mm at the depth of the object's middle.
         psnr: Splats against the coloured mesh inside the silhouette, dB.
     """
@@ -98,11 +99,11 @@ def measure_edit(
 
 @dataclass(frozen=True)
 class Division:
-    """A finer mesh on the same surface: what is known at the vertices, positions or colours, is interpolated by `weights @`.
+    """A finer mesh on the same surface; `weights @ values` interpolates positions or colours given at the coarse vertices.
 
     Args:
-        faces: [G, 3].
-        weights: Share of each vertex in each finer one. [W, V], sparse.
+        faces: Faces of the finer mesh. [G, 3].
+        weights: Weight of each coarse vertex in each finer vertex. [W, V], sparse.
     """
 
     faces: Array
@@ -110,7 +111,7 @@ class Division:
 
 
 def divide(faces: Array, vertices: int, times: int) -> Division:
-    """Cut each face into four, some times over. It depends on the faces alone, so that deformed meshes are divided alike.
+    """Cut each face into four, `times` times over; the cuts depend on the faces alone, so that deformed meshes get the same.
 
     Args:
         faces: [F, 3].

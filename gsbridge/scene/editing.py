@@ -25,7 +25,7 @@ _RIGID = 1e-4
 
 @njit(error_model="numpy")
 def is_rigid(pose: Array) -> bool:
-    """Whether a pose is finite and its rotation one, within `_RIGID`. [4, 4] float64."""
+    """Whether a pose is finite and its 3 x 3 part is a rotation, within `_RIGID`. [4, 4] float64."""
     for i in range(3):
         for j in range(i + 1):
             dot = 0.0
@@ -44,7 +44,7 @@ def is_rigid(pose: Array) -> bool:
 
 @njit(error_model="numpy")
 def _move(poses: Array, moved: Array, starts: Array, rest_means: Array, rest_quats: Array, means: Array, quats: Array) -> int:
-    """Write the splats of all bodies marked as moved; returns the first body whose pose is not rigid, or -1.
+    """Write the splats of all bodies marked as moved; return the first of them whose pose is not rigid, or -1.
 
     Args:
         poses: World from body. [B, 4, 4] float64.
@@ -150,8 +150,8 @@ def require_clouds(clouds: Sequence[Cloud]) -> None:
 class Composition:
     """Splats of a static background and of named bodies, packed once; only bodies that moved are written again.
 
-    The arrays hold a few splats of no opacity at the end, so that the rasteriser, which works on whole vectors, need not copy
-    them. Copies of equal poses are not made twice: a still body costs nothing.
+    The arrays end in a few splats of no opacity, so that the rasteriser, which works on whole vectors, need not copy the arrays
+    to fill them up. A body whose pose has not changed costs nothing.
 
     Args:
         bodies: Splats of each body, body frame. Bodies start at the world's origin.

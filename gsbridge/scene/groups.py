@@ -1,9 +1,9 @@
 """A composition for one camera and many pictures: splats stay in the frames of their bodies, and only what is in view is drawn.
 
 It shows what `gsbridge.scene.editing.Composition` shows (Wu et al., RL-GSBridge, equation 3), but a body's pose becomes part of
-its view, so that no splat is written again, and colours with a direction are seen from where the camera is in the body's frame.
-Splats are kept in groups of neighbours, and groups that lie outside the view are passed over, which changes nothing but the
-order of equal depths. The wrist camera has less than half of a scene in view.
+the camera's view of that body. So no splat is written again, and spherical harmonics are evaluated for the camera's position in
+the body's frame. Splats are kept in groups of neighbours. Groups outside the view are skipped, which changes nothing but the
+order of equal depths; the wrist camera has less than half of a scene in view.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ REACH = 3.4
 """Standard deviations at which an opaque splat falls below the rasteriser's cut of 1/255 (3.33)."""
 
 SLOPE = 1.3
-"""How much wider than a ball's own outline the rasteriser may draw a splat near the picture's edge: it takes the projection's
-slope at the splat's centre, up to `layout.MARGIN` of the picture beyond the edge."""
+"""Factor by which the rasteriser may draw a splat near the picture's edge wider than its bounding ball projects: the rasteriser
+linearises the projection at the splat's centre, which may lie up to `layout.MARGIN` of the picture beyond the edge."""
 
 EDGE_PX = 3.0
-"""Added round the picture for the blur of thin splats, px: `REACH` times its deviation of 0.55 px, and a pixel."""
+"""Margin round the picture for the rasteriser's blur of thin splats, px: `REACH` times the blur's deviation of 0.55 px, and a
+pixel."""
 
 
 _NOTHING = Cloud(*(np.zeros((0, *tail)) for tail in ((3,), (4,), (3,), (), (3,))))
@@ -43,7 +44,7 @@ class _Bounds:
 
     Args:
         balls: Centre and radius of the means, m. [G, 4].
-        reaches: How far splats reach beyond, m. [G].
+        reaches: How far the largest splat reaches beyond its mean, m. [G].
     """
 
     balls: Array
@@ -51,7 +52,7 @@ class _Bounds:
 
 
 def _parts(features: Array) -> list[Array]:
-    """Numbers of points in groups of `GROUP` neighbours, the last one filled less. [N, D]."""
+    """Split points into groups of `GROUP` neighbours; only the last group may be smaller. [N, D] -> indices, [GROUP] each."""
     waiting, done = [np.arange(len(features))], []
     while waiting:
         part = waiting.pop()
@@ -61,16 +62,16 @@ def _parts(features: Array) -> list[Array]:
         values = features[part]
         ordered = part[np.argsort(values[:, np.ptp(values, axis=0).argmax()], kind="stable")]
         half = GROUP * max(1, round(len(part) / 2 / GROUP))
-        # The fuller half is taken first, so that only the very last group may have room left.
+        # The first half makes whole groups, so that only the very last group may have room left.
         waiting += [ordered[half:], ordered[:half]]
     return sorted(done, key=len, reverse=True)
 
 
 def _grouped(cloud: Cloud) -> tuple[Cloud, _Bounds]:
-    """A cloud in the order of its groups, filled up to whole ones with splats of no opacity, and their bounds."""
+    """A cloud in the order of its groups, the last of which is filled up with splats of no opacity, and the groups' bounds."""
     means = np.asarray(cloud.means, dtype=np.float64)
     reaches = REACH * np.asarray(cloud.scales, dtype=np.float64).max(1, initial=0.0)
-    # Large splats among themselves: each would make its group reach as far as itself.
+    # The reach is a coordinate as well, so that large splats form groups of their own: one large splat widens its whole group.
     parts = _parts(np.concatenate([means, reaches[:, None]], axis=1)) if len(means) else []
     bounds = _Bounds(np.zeros((len(parts), 4)), np.zeros(len(parts)))
     for number, part in enumerate(parts):
@@ -113,7 +114,7 @@ def _see(
         size: Width and height, px.
 
     Returns:
-        How many, or -1 - b where the pose of body b is not rigid; then groups, owners and views as in
+        Number of groups found, or -1 - b where the pose of body b is not rigid; then groups, owners and views as in
         `gsbridge.splats.rasterize.cpu.Seen`, with room for all groups.
     """
     views = np.empty((poses.shape[0], 16), np.float32)
@@ -153,7 +154,7 @@ def _see(
 
 
 class GroupedComposition:
-    """Splats of a static background and of named bodies, in groups.
+    """Splats of a static background and of named bodies, kept in groups of neighbours.
 
     Args:
         bodies: Splats of each body, body frame.
@@ -170,7 +171,7 @@ class GroupedComposition:
         made = [_grouped(cloud) for cloud in clouds]
         joined = concatenate([cloud for cloud, _ in made]) if made else _NOTHING
         self._shown = sum(map(len, clouds))
-        # The background stands still as a body after all others.
+        # The background counts as one more body after all others, whose pose stays the identity.
         self._owners = np.concatenate([np.zeros(0, np.int64), *(np.full(len(b.balls), k) for k, (_, b) in enumerate(made))])
         self._bounds = tuple(
             np.concatenate([np.zeros((0, *tail)), *(getattr(item, name) for _, item in made)])

@@ -1,4 +1,4 @@
-"""The light over a table: how much of it comes from where, found from the shadow that an object throws in its own film."""
+"""The light over a table: the share from each direction, fitted to the shadow that an object casts in its own film."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 
 RINGS = ((90.0, 1), (68.0, 6), (45.0, 10), (25.0, 12))
-"""Elevations of the sky's parts, degrees, and how many there are of each: some 25 degrees apart."""
+"""Elevation of each ring of the sky's parts, degrees, and the number of parts in the ring; parts are some 25 degrees apart."""
 
 WIDTH = 0.09
-"""Half angle of each part's source, rad. Smaller than the parts' distance: a lamp is smaller than a part, and what is wider
-fills several."""
+"""Half angle of each part's source, rad. It is smaller than the angle between parts, because a lamp is smaller than a part; a
+wider light takes up several parts."""
 
 _EVEN = 0.02
-"""Pull towards no light from a part, in standard deviations of a place: keeps parts apart that no shadow tells apart."""
+"""Weight of a ridge penalty on each share, relative to the root mean square residual of the places. The penalty keeps shares
+even where no shadow tells parts apart."""
 
 _WHOLE = 3.0
-"""Weight of the shares' sum, likewise: where nothing stands in the way, the table looks as it was filmed."""
+"""Weight, on the same scale, of the condition that the shares add up to 1: an unshaded table looks as it was filmed."""
 
 _ROUNDS = 5
 
@@ -45,7 +46,7 @@ class SkyLight:
     """Light on a level surface.
 
     Args:
-        floor: Share that nothing takes away: what walls, table and bodies throw back.
+        floor: Share that no body blocks: light that walls, table and bodies reflect.
         shares: Share of each of `directions()`. [M]; with `floor` they add up to 1.
     """
 
@@ -77,14 +78,14 @@ class SkyLight:
 
 
 def fit_light(transmitted: Array, ratios: Array) -> tuple[SkyLight, float]:
-    """The light under which places are as bright as they were seen.
+    """Fit the light under which places are as bright as they were seen.
 
     Args:
         transmitted: Share of each direction's light that reaches each place (`gsbridge.scene.occlusion`). [N, M].
         ratios: Brightness of each place with the body there, relative to without, linear. [N].
 
     Returns:
-        The light, and the scatter of the ratios round what it explains (1.48 median absolute deviations).
+        The light, and the scatter of the residuals of `ratios` (1.48 median absolute deviations).
 
     Raises:
         InputError: There are fewer places than directions.
@@ -101,7 +102,7 @@ def fit_light(transmitted: Array, ratios: Array) -> tuple[SkyLight, float]:
         shares = nnls(rows, np.concatenate([ratios * weights, np.zeros(parts), [places * _WHOLE]]))[0]
         left = ratios - columns @ shares
         scatter = float(1.48 * np.median(np.abs(left - np.median(left))))
-        # Cauchy's weights: glints and edges of the table's pattern say nothing about light.
+        # Cauchy weights, because glints and edges of the table's pattern say nothing about the light.
         weights = 1.0 / np.sqrt(1.0 + (left / max(2.0 * scatter, 1e-6)) ** 2)
     shares /= shares.sum()
     return SkyLight(float(shares[0]), shares[1:]), scatter

@@ -20,14 +20,14 @@ STEPS = 250
 """Optimisation steps; each looks at one random view."""
 
 HOLES = 3.0
-"""A hole counts as much as this many times the same light outside the silhouette: what shines through is of another colour.
-Within a pixel of the outline, missing light is an edge drawn too far in, and counts as much as one drawn too far out."""
+"""Weight in the loss of light missing inside the silhouette; light outside it has weight 1. A hole weighs more because what
+shines through it has another colour. Within a pixel of the outline, missing light is an edge drawn too far in: weight 1."""
 
 _IMAGE = 128
-_FILL = 0.9  # of the image by the mesh's bounding ball
+_FILL = 0.9  # share of the image's width that the mesh's bounding ball fills
 _NEAR, _FAR = 2.5, 5.0  # distances, in radii of that ball
 _RATES = {"shift": 0.02, "stretch": 0.02, "turn": 0.01, "opacity": 0.05}
-_LAST_RATE = 0.01  # of the first
+_LAST_RATE = 0.01  # last learning rate, as a share of the first
 _THINNEST = 1e-4  # m: a disc of no thickness gets no gradient across
 
 
@@ -69,7 +69,7 @@ def fit_to_mesh(cloud: Cloud, mesh: Mesh, *, steps: int = STEPS, seed: int = 0) 
         camera, pose = _random_view(middle, radius, rng)
         wanted = torch.from_numpy(target.coverage(camera, pose, samples=3).astype(np.float32))
         missing = wanted - rasterize(*shape(), camera=camera, cam_from_table=pose).alphas
-        # Whole only where the neighbours are, too: the outline's own pixels are none.
+        # A pixel is inside only if its eight neighbours are covered, too, which leaves out the outline's own pixels.
         inside = -torch.nn.functional.max_pool2d(-wanted[None, None], 3, stride=1, padding=1)[0, 0] > 0.99
         loss = (torch.where(inside, HOLES, 1.0) * torch.relu(missing) + torch.relu(-missing)).mean()
         optimizer.zero_grad()
@@ -82,7 +82,7 @@ def fit_to_mesh(cloud: Cloud, mesh: Mesh, *, steps: int = STEPS, seed: int = 0) 
 
 
 def _random_view(middle: Array, radius: float, rng: np.random.Generator) -> tuple[Camera, Array]:
-    """A camera somewhere round a ball, which fills most of its image."""
+    """A camera in a random place round a ball; the ball fills most of the image."""
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
     distance = radius * rng.uniform(_NEAR, _FAR)

@@ -16,8 +16,9 @@ from gsbridge.meshes import Mesh
 from gsbridge.splats.cloud import Cloud
 
 OVERLAP = 2.3
-"""Standard deviation of a disc over that of the patch it covers. Less leaves gaps at the patches' corners, more blurs edges:
-with this, front and back of a closed mesh together let hardly any light through, and edges blur by a patch (see `link_fit`)."""
+"""Standard deviation of a disc divided by that of the patch it covers. A smaller ratio leaves gaps at the patches' corners, a
+larger one blurs edges. At this one, front and back of a closed mesh together let hardly any light through, and edges blur by
+the size of a patch (see `link_fit`)."""
 
 OPACITY = 0.99
 """The rasteriser clips alpha here."""
@@ -30,15 +31,15 @@ _CANDIDATES = 12
 _ROUNDS = 12
 
 Colours = Sequence[float] | Array | Callable[[Array, Array], Array]
-"""One sRGB colour [3]; one for each vertex [V, 3]; or a function of points and normals [N, 3] that gives theirs [N, 3]."""
+"""One sRGB colour [3]; one for each vertex [V, 3]; or a function from points and normals, [N, 3] each, to colours [N, 3]."""
 
 
 def splats_on_mesh(mesh: Mesh, count: int, colours: Colours | None = None, seed: int = 0, *, overlap: float = OVERLAP) -> Cloud:
     """Opaque discs over a whole surface, evenly by area.
 
-    Random points become the cells of a centroidal Voronoi tessellation on the surface (Lloyd's algorithm), in which distance
-    counts the turn of the normal too, so that no cell reaches through a thin wall or round an edge. Each disc takes the place
-    and the second moments of its cell: at edges and on narrow strips it is as narrow as these.
+    Random points are grouped into the cells of a centroidal Voronoi tessellation on the surface (Lloyd's algorithm). Its
+    distance includes the angle between normals, so that no cell reaches through a thin wall or round an edge. Each disc takes
+    the place and the second moments of its cell, so that discs at edges and on narrow strips are as narrow as their cells.
 
     Args:
         mesh: Surface, m, in whatever frame the splats shall have.
@@ -107,11 +108,11 @@ def _discs(points: Array, normals: Array, features: Array, owner: Array, width: 
     offsets = points - centres[owner]
     second = mean((offsets[:, :, None] * offsets[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
     flat = np.eye(3) - axis[:, :, None] * axis[:, None, :]
-    # The normal is put first in line by a share larger than any variance in the surface.
+    # A variance added along the normal, larger than any in the surface, makes the normal the eigenvector of the largest value.
     values, vectors = np.linalg.eigh(flat @ second @ flat + (10.0 * width) ** 2 * axis[:, :, None] * axis[:, None, :])
     frame = np.stack([vectors[:, :, 2], vectors[:, :, 1], vectors[:, :, 0]], axis=-1)
     frame[:, :, 2] = np.cross(frame[:, :, 0], frame[:, :, 1])
-    # A cell of one or two samples has no measure of its own.
+    # A cell of one or two samples has no spread of its own, so spreads are bounded.
     spreads = np.sqrt(np.clip(values[:, 1::-1], (0.05 * width) ** 2, width**2))
     return centres, quat_from_rotation(frame), spreads, chosen
 

@@ -1,6 +1,7 @@
 """Images of meshes at the same camera and poses: the control without Gaussians (RL-sim).
 
-A z-buffer with colours interpolated in perspective, four samples per pixel, and flat shading by one distant light if wanted.
+The renderer is a z-buffer with perspective-correct colours, four samples per pixel and, if wanted, flat shading by one distant
+light.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ SAMPLES = 2
 
 @dataclass(frozen=True)
 class Light:
-    """A distant light and a bit of light from everywhere; a face square to the light shows its full colour.
+    """A distant light plus ambient light; a face turned straight to the light shows its full colour.
 
     Args:
         direction: From the scene to the light, world frame. [3].
@@ -42,7 +43,7 @@ def mean_colour(images: Sequence[Array], masks: Sequence[Array]) -> Array:
 
     Args:
         images: sRGB 0..1. [H, W, 3] each.
-        masks: 0..1; pixels count by them. [H, W] each.
+        masks: Weight of each pixel, 0..1. [H, W] each.
 
     Returns:
         sRGB 0..1. [3].
@@ -67,13 +68,13 @@ def uniform(mesh: Mesh, colour: Array | Sequence[float]) -> Mesh:
 
 @njit(error_model="numpy")
 def _fill(a: Array, b: Array, c: Array, ca: Array, cb: Array, cc: Array, inverse: Array, image: Array) -> None:
-    """Draw a triangle before the camera.
+    """Draw a triangle in front of the camera.
 
     Args:
         a, b, c: Corners: u, v in samples, and 1 / z.
         ca, cb, cc: Colours at the corners, divided by z.
         inverse: 1 / z of the nearest surface. [H, W] float32.
-        image: Its colour. [H, W, 3] float32.
+        image: Colour of the nearest surface. [H, W, 3] float32.
     """
     height, width = inverse.shape
     area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
@@ -104,7 +105,7 @@ def _fill(a: Array, b: Array, c: Array, ca: Array, cb: Array, cc: Array, inverse
 
 @njit(error_model="numpy")
 def _project(vertices: Array, starts: Array, poses: Array, pinhole: Array, points: Array, pixels: Array) -> None:
-    """Camera coordinates of all vertices and, of those before the near plane, what `_fill` takes.
+    """Camera coordinates of all vertices and, for those beyond the near plane, the pixel coordinates that `_fill` takes.
 
     Args:
         vertices: Body frames. [V, 3].
@@ -137,7 +138,7 @@ def _tone(a: Array, b: Array, c: Array, light: Array, ambient: float) -> float:
     length = np.sqrt(nx * nx + ny * ny + nz * nz)
     if not length > 0.0:
         return 1.0
-    # Open surfaces are seen from both sides: the side that faces the camera counts.
+    # Open surfaces are seen from both sides, so the normal is turned to the camera.
     side = 1.0 if nx * a[0] + ny * a[1] + nz * a[2] < 0.0 else -1.0
     cosine = side * (nx * light[0] + ny * light[1] + nz * light[2]) / length
     return ambient + (1.0 - ambient) * max(cosine, 0.0)
@@ -186,7 +187,7 @@ def _draw(
             ):
                 continue
         tone = _tone(points[ia], points[ib], points[ic], light, ambient) if shaded else 1.0
-        # Cut at the near plane: a triangle or a quadrilateral remains.
+        # Cutting the face at the near plane leaves a triangle or a quadrilateral.
         count = 0
         for k in range(3):
             i, j = faces[face, k], faces[face, (k + 1) % 3]
@@ -290,7 +291,7 @@ class MeshComposition:
     def draw(
         self, camera: Camera, cam_from_world: Array, background: Sequence[float] = (0.0, 0.0, 0.0), *, samples: int = SAMPLES
     ) -> tuple[Array, Array, Array]:
-        """What `gsbridge.scene.view.draw` gives of splats: encoded colours, alpha and alpha-weighted sum of camera z, m.
+        """Draw the meshes as `gsbridge.scene.view.draw` draws splats: encoded colours, alpha, alpha-weighted sum of depth, m.
 
         Args:
             camera, cam_from_world, background, samples: As in `render`. [4, 4], [3].

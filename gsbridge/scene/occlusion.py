@@ -1,4 +1,4 @@
-"""What stands between a point and the sky: bodies as a few spheres, and the share of each direction's light that they leave."""
+"""Occlusion of the sky by bodies: each body as a few spheres, and the share of each direction's light that they let through."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gsbridge.libraries import import_open3d
 from gsbridge.meshes import Mesh
 
 POINTS = 4000
-"""Places inside a body from which spheres are chosen, at most about."""
+"""Approximate greatest number of grid points in a body's bounding box; spheres are centred on those inside, and cover them."""
 
 SHARE = 0.97
-"""Share of them that spheres need to hold."""
+"""Share of the grid points inside a body that its spheres have to cover."""
 
 
 def spheres_in(mesh: Mesh, count: int) -> Array:
-    """Spheres that fill a body: each the one that holds most of what the ones before it left.
+    """Fill a body with spheres; each next one is that which covers the most points still uncovered.
 
     Args:
         mesh: Closed surface, m.
@@ -37,7 +37,7 @@ def spheres_in(mesh: Mesh, count: int) -> Array:
     points, depths = points[depths > 0], depths[depths > 0]
     if not len(points):
         return np.zeros((0, 4))
-    # Half a cell more, so that the spheres reach the surface between the places that were tried.
+    # Half a cell is added, so that the spheres reach the surface between grid points.
     radii = depths + 0.5 * cell
     tried = np.argsort(-depths, kind="stable")[:: max(1, len(points) // 1000)]
     held = np.linalg.norm(points[tried][:, None] - points[None], axis=-1) < radii[tried][:, None]
@@ -69,13 +69,13 @@ def moved(spheres: Array, pose: Array) -> Array:
 
 @njit(error_model="numpy", fastmath=True)
 def left_by(px: float, py: float, pz: float, sphere: Array, dx: float, dy: float, dz: float, width: Real) -> Real:
-    """Share of the light from a direction, blurred by an angle, that a sphere lets through to a point.
+    """Share of the light of a disc-shaped source in some direction that a sphere lets through to a point.
 
     Args:
         px, py, pz: The point, m.
         sphere: Centre and radius, m. [4].
         dx, dy, dz: Unit vector towards the light.
-        width: Blur: radius of the light's disc at unit distance, which is the tangent of the angle.
+        width: Radius of the source's disc at unit distance, which is the tangent of its half angle.
 
     Returns:
         0 where the sphere hides all of the light, 1 where it hides nothing.
@@ -83,14 +83,15 @@ def left_by(px: float, py: float, pz: float, sphere: Array, dx: float, dy: float
     x, y, z, radius = sphere[0] - px, sphere[1] - py, sphere[2] - pz, sphere[3]
     along = x * dx + y * dy + z * dz
     square = x * x + y * y + z * z
-    # What lies behind a point does not shade it, and a sphere that holds it is the body that it belongs to.
+    # A sphere behind the point does not shade it, and a sphere that contains the point is part of the point's own body.
     if along <= 0.0 or square <= radius * radius:
         return np.float32(1.0)
     half = width * along + np.float32(1e-4)
     across = square - along * along
     if across >= (radius + half) * (radius + half):
         return np.float32(1.0)
-    # From where the discs of sphere and source touch to where one holds the other. A small one never hides all of the source.
+    # The ramp runs from where the discs of sphere and source touch to where one lies within the other. A sphere smaller than
+    # the source never hides all of it.
     ramp = (radius + half - math.sqrt(max(across, np.float32(0.0)))) / (np.float32(2.0) * min(radius, half))
     return np.float32(1.0) - min(ramp, np.float32(1.0)) * min(radius * radius / (half * half), np.float32(1.0))
 
@@ -112,7 +113,7 @@ def _transmittances(points: Array, spheres: Array, directions: Array, width: Rea
 
 
 def transmittances(points: Array, spheres: Array, directions: Array, width: float) -> Array:
-    """Share of each direction's light that reaches each point; of several spheres in the way the one that hides most counts.
+    """Share of each direction's light that reaches each point; of the spheres in the way, only the one that hides most counts.
 
     Args:
         points: Points that light falls on, m. [N, 3].

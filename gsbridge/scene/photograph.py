@@ -1,4 +1,4 @@
-"""Taking photos of splats as a `Shooting` says: exposures in time, lens, light, sensor."""
+"""Simulated photos of splats with the exposures, lens, light and sensor that a `Shooting` describes."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ MARGIN = 0.15
 """Share of the image that is drawn beyond its edges, for lenses that show more than a pinhole."""
 
 BLURS = (0.7, 1.4)
-"""Deviations of the copies against which pictures are sharpened, px."""
+"""Standard deviations of the blurred copies that `softened` sharpens a picture against, px."""
 
 
 def drawn_through(camera: Camera, shooting: Shooting) -> tuple[Camera, int]:
-    """The pinhole to draw with, and by how many pixels it is wider than the photo on each side.
+    """The pinhole to draw with, and the number of pixels by which its image is wider than the photo on each side.
 
     Args:
-        camera: The photo's camera, as it is thought to be.
-        shooting: What its lens is like.
+        camera: The photo's assumed camera.
+        shooting: Gives the actual focal length, relative to the assumed one, and the distortion of its lens.
     """
     camera = replace(camera, fx=camera.fx * shooting.focal, fy=camera.fy * shooting.focal)
     if not shooting.distortion.any():
@@ -72,7 +72,7 @@ def with_noise(photos: Array, shooting: Shooting, rng: np.random.Generator) -> A
 
     Args:
         photos: Photos without noise, encoded, 0..1. [...].
-        shooting: Its variances of read and shot noise are used.
+        shooting: Gives the variances of read and shot noise.
         rng: Random numbers.
 
     Returns:
@@ -83,9 +83,9 @@ def with_noise(photos: Array, shooting: Shooting, rng: np.random.Generator) -> A
 
 
 def blurred(image: Array, sigma: float) -> Array:
-    """An image through a Gaussian of some deviation, px; what lies beyond the edges repeats them. [H, W, 3].
+    """Blur an image with a Gaussian of standard deviation `sigma`, px; beyond the edges their pixels are repeated. [H, W, 3].
 
-    The discrete Gaussian has that deviation exactly, below a pixel too, where a sampled one has not.
+    The discrete Gaussian kernel has exactly this deviation, even below a pixel, where a sampled Gaussian has not.
 
     Source: Lindeberg, IEEE PAMI 12(3), 1990.
     """
@@ -96,7 +96,7 @@ def blurred(image: Array, sigma: float) -> Array:
 
 
 def softened(image: Array, amounts: Sequence[float]) -> Array:
-    """An image sharpened against its blurred copies (negative amounts soften it). [H, W, 3]."""
+    """Sharpen an image against its blurred copies, one amount per `BLURS`; negative amounts soften it. [H, W, 3]."""
     out = image
     for amount, sigma in zip(amounts, BLURS, strict=True):
         out = out + np.float32(amount) * (image - blurred(image, sigma))
@@ -104,16 +104,16 @@ def softened(image: Array, amounts: Sequence[float]) -> Array:
 
 
 def straightening(far: Array, distortion: Array) -> Array:
-    """Factor by which a radial distortion is undone at normalised radii on the sensor. [...] -> [...].
+    """Factors that undo a radial distortion at normalised radii on the sensor. [...] -> [...].
 
     Args:
-        far: Radii. [...].
+        far: Distorted radii, in focal lengths. [...].
         distortion: k1, k2 of the OPENCV model. [2].
     """
     k1, k2 = distortion
     straight = far.copy()
     for _ in range(8):
-        # Newton's steps on r (1 + k1 r2 + k2 r4) = far; the slope is kept off zero where the lens folds over.
+        # Newton's steps on r (1 + k1 r^2 + k2 r^4) = far; the slope is kept off zero where the distortion folds over.
         square = straight**2
         slope = np.maximum(1.0 + 3.0 * k1 * square + 5.0 * k2 * square**2, 0.2)
         straight = straight - (straight * (1.0 + k1 * square + k2 * square**2) - far) / slope
@@ -121,13 +121,13 @@ def straightening(far: Array, distortion: Array) -> Array:
 
 
 def bent(light: Array, depths: Array, camera: Camera, pad: int, distortion: Array) -> tuple[Array, Array]:
-    """A pinhole picture as a lens with radial distortion shows it, cropped to the photo. [h, w, 3], [h, w].
+    """Distort a pinhole picture and its depths as a lens does, and crop them to the photo. [h, w, 3], [h, w].
 
     Args:
         light: Linear light. [H, W, 3].
         depths: Depth of each pixel, m. [H, W].
-        camera: Pinhole of both, from `drawn_through`.
-        pad: Pixels by which it is wider than the photo on each side.
+        camera: Pinhole of picture and depths, from `drawn_through`.
+        pad: Pixels by which the picture is wider than the photo on each side.
         distortion: k1, k2 of the OPENCV model. [2].
     """
     height, width = light.shape[0] - 2 * pad, light.shape[1] - 2 * pad

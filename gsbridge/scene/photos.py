@@ -1,4 +1,4 @@
-"""What the photos of a capture say about an object as a whole."""
+"""The mean colour of an object, from the photos of a capture."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gsbridge.scene.meshes import mean_colour
 
 
 def photo_colour(views: Views, masks: str | Path) -> tuple[float, float, float]:
-    """Mean colour of an object in its training photos, by its masks: all that the plain mesh control knows of its looks.
+    """Mean colour of an object inside its masks in the training photos, for the control with a mesh of one colour.
 
     Args:
         views: Posed photos.

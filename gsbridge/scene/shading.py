@@ -1,6 +1,6 @@
-"""How much light reaches points beside bodies of spheres: kernels.
+"""Kernels that compute how much light reaches points near bodies made of spheres.
 
-Points are looked at in small tiles of neighbours, and only spheres that may shade a tile are computed for it.
+Points are processed in small tiles of neighbours; for each tile only the spheres that may shade it are computed.
 """
 
 from __future__ import annotations
@@ -19,32 +19,33 @@ from gsbridge.splats.rasterize.lanes import LaneValues, larger, lowest_bit, mask
 from gsbridge.splats.rasterize.memory import at, load, store
 
 TABLE_HEIGHT = 0.006
-"""Height that divides, m: what lies lower is the table; what lies higher may be the object, which carries its own shade."""
+"""Points below this height, m, count as the table; higher ones may be the object's, whose splats hold its own shade already."""
 
 ROBOT_MARGIN = 0.003
 """Distance from the robot's spheres within which a surface is the robot's, m."""
 
 OBJECT_MARGIN = 0.010
-"""Distance from the object within which a point belongs to it, m: what stands farther off, such as a plate, is shaded by it."""
+"""Distance from the object's spheres within which a point is the object's, m. Points farther off, such as a plate's, are
+shaded by the object."""
 
 NOWHERE = -1e3
-"""Height of a point where nothing is drawn: NaN means nothing to kernels that compute fast."""
+"""Height of a point where nothing is drawn, m; not NaN, which kernels compiled with `fastmath` do not recognise."""
 
 TILE = 2 * LANES
-"""Points, in squares of the grid, for which spheres are looked up together: each shades a few of them only."""
+"""Points in one tile, a square of the grid. Spheres are looked up once for a whole tile; each shades only a few tiles."""
 
 BARE, OWN, LIT = 0, 1, 2
 """Kinds of points: those of the robot or of nothing, those of the object, and all others."""
 
 GAMMA = 2.4
-"""Exponent of sRGB's encoding of all but the darkest light."""
+"""Exponent in sRGB's encoding of all but the darkest light."""
 
 _TINY = 1e-4
 
 
 @cache
 def tile_order(rows: int, columns: int) -> Array:
-    """Grid points in squares of `TILE`; at the edges of the grid some are there twice. [T * TILE] int64."""
+    """Numbers of the grid points, tile by tile; some points at the grid's edges appear twice. [T * TILE] int64."""
     edge = math.isqrt(TILE)
     i, j = np.arange(-(-rows // edge) * edge), np.arange(-(-columns // edge) * edge)
     number = np.minimum(i, rows - 1)[:, None] * columns + np.minimum(j, columns - 1)
@@ -53,7 +54,7 @@ def tile_order(rows: int, columns: int) -> Array:
 
 @njit(error_model="numpy", fastmath=True)
 def _frame(dx: float, dy: float, dz: float) -> tuple[Real, ...]:
-    """Two unit vectors across a direction that does not lie level along x."""
+    """Two unit vectors perpendicular to a direction and to each other; the direction must not be parallel to x."""
     length = math.sqrt(dy * dy + dz * dz)
     ax, ay, az = np.float32(0.0), dz / length, -dy / length
     return ax, ay, az, dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
@@ -80,14 +81,14 @@ def _shade(
     radius: float,
     left: LaneValues,
 ) -> LaneValues:
-    """What a sphere leaves of a direction's light at some points (`Lanes`), in coordinates along and across the direction.
+    """Share of a direction's light that remains at the points in the lanes after one more sphere.
 
-    The same as `gsbridge.scene.occlusion.left_by`, without branches.
+    Coordinates run along and across the direction. This is `gsbridge.scene.occlusion.left_by` without branches.
     """
     a, b, c = s_along - along, s_side - side, s_up - up
     across = b * b + c * c
     half = larger(a * WIDTH, 0.0) + _TINY
-    # One division for all that are divided by `half`, or by the smaller of it and the radius.
+    # One division serves all quotients by `half` and by the smaller of `half` and the radius.
     inverse = 1.0 / half
     blocked = smaller(larger((half + radius - square_root(across)) * larger(inverse, 1.0 / radius) * 0.5, 0.0), 1.0)
     blocked = blocked * smaller(inverse * inverse * (radius * radius), 1.0)
@@ -97,7 +98,7 @@ def _shade(
 
 @njit(error_model="numpy", fastmath=True)
 def _sort_out(points: Array, spheres: Array, robot: int, kinds: Array) -> None:
-    """What each point belongs to: `BARE`, `OWN` or `LIT`. [N, 3], [S, 4] (the robot's first) -> kinds [N] int8."""
+    """Find each point's kind: `BARE`, `OWN` or `LIT`. [N, 3], [S, 4] (the robot's first) -> kinds [N] int8."""
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         high = z >= TABLE_HEIGHT
@@ -110,14 +111,14 @@ def _sort_out(points: Array, spheres: Array, robot: int, kinds: Array) -> None:
 
 @njit(error_model="numpy")
 def _gather(points: Array, kinds: Array, order: Array, tiled: Array, balls: Array, lit: Array) -> None:
-    """Points in the order of their tiles, and a ball round those of each tile that are to be lit.
+    """Sort points into their tiles, and find a ball round those points of each tile that are not `BARE`.
 
     Args:
         points, kinds: [N, 3], [N].
         order: Point in each place of the tiles. [T * TILE].
         tiled: Output: x, y, z. [3 * T * TILE] float32.
         balls: Output: centre and radius. [T, 4].
-        lit: Output: whether there are any such points. [T] bool.
+        lit: Output: whether the tile has any such points. [T] bool.
     """
     size = order.shape[0]
     for t in range(balls.shape[0]):
@@ -154,10 +155,11 @@ def _light(
         robot: Number of spheres that are the robot's.
         sources, shares: Direction and strength of the light's parts. [M, 3], [M] float32.
         work: Work space. [4 * (S + 8)] float32.
-        sums: Added to: what the robot leaves, and what robot and object leave. [2 * T * TILE] float32.
+        sums: Added to: the light left after the robot's spheres, and after robot's and object's. [2 * T * TILE] float32.
     """
     size, count = balls.shape[0] * TILE, spheres.shape[0]
-    # Along the direction, to two sides of it, radius: each with room for eight more, which are read but never counted.
+    # `work` holds each sphere's coordinate along the direction, two across it, and its radius, in this order. Each of the four
+    # parts has room for `LANES` more values, which are read but never used.
     side, up, radii = count + LANES, 2 * (count + LANES), 3 * (count + LANES)
     for s in range(count):
         work[radii + s] = spheres[s, 3]
@@ -202,12 +204,12 @@ def _light(
 
 @njit(error_model="numpy", fastmath=True)
 def _tones(kinds: Array, order: Array, sums: Array, tones: Array) -> None:
-    """Share of the light at each point, to the power that colours are encoded with.
+    """Encode the share of the light at each point with the exponent that colours are encoded with.
 
     Args:
         kinds, order: As in `_gather`.
         sums: What `_light` added up. [2 * T * TILE].
-        tones: Output: what the robot leaves, and what robot and object leave. [2, N].
+        tones: Output: encoded light left after the robot's spheres, and after robot's and object's. [2, N].
     """
     size = order.shape[0]
     for k in range(size):
@@ -229,17 +231,17 @@ def shade_points(
     kinds: Array,
     tones: Array,
 ) -> None:
-    """What belongs to whom, and how light it is there.
+    """Find the kind of each point, and the share of the light that reaches it.
 
     Args:
         points: Surface points, table frame; of height `NOWHERE` where there is none. [N, 3] float32.
         order: What `tile_order` gives for their grid. [T * TILE] int64.
         spheres: Robot's first, then the object's. [S, 4] float32.
         robot: Number of spheres that are the robot's.
-        sources, shares, floor: Direction and strength of the light's parts, and what comes from everywhere. [M, 3], [M].
+        sources, shares, floor: Direction and share of the light's parts, and the share that no body blocks. [M, 3], [M].
         kinds: Output: `BARE`, `OWN` or `LIT`. [N] int8.
-        tones: Output: share of the light, to the power that colours are encoded with: what the robot leaves, and what robot
-            and object leave. [2, N] float32.
+        tones: Output: share of the light, with the exponent that colours are encoded with: first as the robot leaves it, then
+            as robot and object leave it. [2, N] float32.
     """
     tiles = order.shape[0] // TILE
     tiled, balls, lit = np.empty(3 * TILE * tiles, np.float32), np.empty((tiles, 4), np.float32), np.empty(tiles, np.bool_)

@@ -1,8 +1,9 @@
-"""Shadows in a drawn picture: splats carry the light of their film, and bodies that were not there take some of it away.
+"""Shadows in a drawn picture: splats show the light of their own film, and bodies that were not in it block some of that light.
 
-The picture's own depth tells where each pixel's surface lies. On a coarse grid of pixels the share of the light that bodies,
-as spheres, leave is summed over the sky's parts; every pixel is then dimmed by the grid points round it that lie at its height.
-Surfaces count as level, which the wrist camera, looking down, mostly sees; the robot itself is left as it is.
+The picture's own depth tells where each pixel's surface lies. At a coarse grid of pixels, the share of the light that the
+bodies (as spheres) leave is summed over the sky's parts. Every pixel is then dimmed by the grid points round it that lie at its
+height. Surfaces are taken as level, as are most that the wrist camera sees when it looks down. The robot's own pixels are not
+dimmed.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ GRID = 16
 LEAST = 0.003
 """Share below which a part of the sky is added to the floor instead of being traced."""
 
-_SAME_HEIGHT = 0.012
+_SAME_HEIGHT = 0.012  # m: greatest difference in height between a pixel and a grid point of the same surface
 _OFFSET = 0.055
 """Offset in sRGB's encoding of all but the darkest light: `1.055 light^(1 / GAMMA) - 0.055`."""
 
 
 @njit(error_model="numpy")
 def _place(poses: Array, owners: Array, rest: Array, out: Array) -> None:
-    """Spheres where their bodies are. [4 B, 4], [S], [S, 4] -> out [S, 4]."""
+    """Move spheres to the poses of their bodies. [4 B, 4], [S], [S, 4] -> out [S, 4]."""
     for s in range(rest.shape[0]):
         first = 4 * owners[s]
         for k in range(3):
@@ -57,7 +58,7 @@ def _table_from_cam(cam_from_table: Array) -> Array:
 
 @njit(error_model="numpy", fastmath=True)
 def _points(depths: Array, alphas: Array, lens: Array, table_from_cam: Array, step: int, out: Array) -> None:
-    """Surface points of the grid's pixels, table frame, far below where nothing is drawn."""
+    """Surface points of the grid's pixels, table frame, m; of height `NOWHERE` where nothing is drawn."""
     rows, columns = out.shape[0], out.shape[1]
     for i in range(rows):
         for j in range(columns):
@@ -75,9 +76,10 @@ def _points(depths: Array, alphas: Array, lens: Array, table_from_cam: Array, st
 
 @njit(error_model="numpy", fastmath=True)
 def _widen(points: Array, tones: Array, kinds: Array, step: int, out: Array) -> None:
-    """Interpolate each row of grid points to pixels: the values of the points to the left and to the right of every pixel.
+    """Copy to every column of pixels the values of the grid points to its left and to its right, for each row of the grid.
 
-    -> out [rows, 2, 4, W]: height, what the robot leaves, what robot and object leave, 1 on the object.
+    Output: out [rows, 2, 4, W]; the four values are height, the tone as the robot leaves it, the tone as robot and object leave
+    it, and 1 on the object.
     """
     rows, columns = kinds.shape
     for u in range(out.shape[3]):
@@ -101,9 +103,9 @@ def _dim(
     tones: Array,
     kinds: Array,
 ) -> None:
-    """Dim every pixel by the tone of the four grid points round it, those at its height foremost.
+    """Dim every pixel by the mean tone of the four grid points round it, in which points at its height weigh most.
 
-    Without branches, a row at a time, so that many pixels are computed at once.
+    The loops run along rows without branches, so that the compiler computes many pixels at once.
     """
     rows, width = kinds.shape[0], image.shape[1]
     offset, one, zero, small = np.float32(_OFFSET), np.float32(1.0), np.float32(0.0), np.float32(1e-3)
@@ -112,7 +114,7 @@ def _dim(
     _widen(points, tones, kinds, step, work)
     factors, shares = np.empty(width, np.float32), np.empty((2, width), np.float32)
     for u in range(width):
-        # Whole numbers fall on the grid's pixels.
+        # `b` is the pixel's place in units of the grid; whole numbers are grid points.
         b = (u - step // 2) / step
         shares[1, u] = b - math.floor(b)
         shares[0, u] = one - shares[1, u]
@@ -132,7 +134,8 @@ def _dim(
                     share = above * shares[q, u] + small
                     share *= small if abs(level - height) > _SAME_HEIGHT else one
                     share = zero if level == NOWHERE else share
-                    # What stands up beside the table is the object: it carries its own shade, the table below it does not.
+                    # A pixel above the table near the object is the object's own: its splats hold the object's shade already,
+                    # so only the robot dims it.
                     itself = height >= TABLE_HEIGHT and (work[r, q, 3, u] > half or level < TABLE_HEIGHT)
                     total += share * (work[r, q, 1, u] if itself else work[r, q, 2, u])
                     weight += share
@@ -199,7 +202,7 @@ class Shadows:
         traced = light.shares >= LEAST
         self._sources = np.ascontiguousarray(directions()[traced], np.float32)
         self._shares = light.shares[traced].astype(np.float32)
-        # A part too small to trace is there all the same.
+        # The light of parts too small to trace is kept, as light that no body blocks.
         self._floor = np.float32(light.floor + light.shares[~traced].sum())
         bodies = {**robot, item[0]: item[1]}
         self._names, self._robot = tuple(bodies), sum(len(spheres) for spheres in robot.values())
@@ -225,7 +228,8 @@ class Shadows:
         missing = [name for name in self._names if name not in poses]
         if missing:
             raise InputError("light", f"{', '.join(missing)} is no body of this world", "Calibrate the light with this robot")
-        # One kernel for all: numpy's calls on a few numbers cost several times as much between physics and pictures.
+        # One kernel does all the work: numpy calls on a few numbers each cost several times as much here, between physics and
+        # pictures.
         step = max(1, min(image.shape[:2]) // GRID)
         order = tile_order(image.shape[0] // step, image.shape[1] // step)
         np.concatenate([poses[name] for name in self._names], out=self._poses)

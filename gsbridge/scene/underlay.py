@@ -1,7 +1,7 @@
-"""A floor under a background's splats: what shows through their gaps then has the table's colour instead of black.
+"""An opaque layer under a background's splats: their gaps then show the table's colour instead of black.
 
-Trained splats let a little of the light through, more near the camera, where the gaps between them grow on the image. A coarse,
-opaque layer some way below the surface catches it.
+Trained splats let a little light through, and more of it near the camera, where the gaps between them are larger in the image.
+A coarse, opaque layer some way below the surface fills these gaps.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from gsbridge.splats.cloud import Cloud, concatenate
 
 COUNT = 1500
 DEPTH = 0.05
-"""Below the surface, m. Splats blend by the depth of their centres, so a layer close below would come out in front of its
-neighbours in slanting views."""
+"""Depth of the layer below the surface, m. Splats are sorted by the depth of their centres, so that in slanting views a layer
+closer to the surface would be drawn in front of some splats above it."""
 
 _OVERLAP = 3.2
-"""More than on closed meshes: there is no second layer behind, and blurred edges do not matter here."""
+"""Overlap of the layer's discs (see `link_splats.OVERLAP`), larger than on closed meshes: there is no second layer behind, and
+blurred edges do not matter here."""
 
 _NEIGHBOURS = 12
 
@@ -38,7 +39,7 @@ def with_underlay(cloud: Cloud, mesh: Mesh, *, count: int = COUNT, depth: float 
         The splats of the background, then those of the layer.
     """
     tree = cKDTree(cloud.means)
-    # A splat counts by the light it sends: opacity times area, the two larger of its axes.
+    # Each splat's weight is its opacity times the area that its two larger axes span.
     size = np.sort(cloud.scales.astype(np.float64), axis=1)[:, 1:].prod(1) * cloud.opacities
 
     def colour(points: np.ndarray, normals: np.ndarray) -> np.ndarray:

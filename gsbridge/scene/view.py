@@ -19,11 +19,11 @@ from gsbridge.splats.rasterize.cpu import Prepared, Seen
 BLACK = (0.0, 0.0, 0.0)
 
 _STEPS = 4095
-"""Steps of the tables between encoded values and light: a sixteenth of a byte's."""
+"""Steps of the lookup tables between encoded values and light; each is a sixteenth of an 8-bit step."""
 
 _LIGHT = linear_from_srgb(np.arange(_STEPS + 1) / _STEPS).astype(np.float32)
 _ENCODED = srgb_from_linear((np.arange(_STEPS + 1) / _STEPS) ** 2).astype(np.float32)
-"""Encoded value of a light whose square root is that many steps."""
+"""`_ENCODED[i]` is the encoded value of the light `(i / _STEPS) ** 2`: equal steps in the square root of light."""
 
 
 @njit(error_model="numpy")
@@ -46,7 +46,7 @@ def to_bytes(image: Array) -> Array:
 
 @dataclass(frozen=True)
 class Shot:
-    """One image with what the rasteriser knows besides colour.
+    """One image with the alpha and the depth of its pixels.
 
     Args:
         pixels: sRGB. [H, W, 3] uint8.
@@ -156,7 +156,7 @@ def draw_seen(
     *,
     antialiased: bool = False,
 ) -> tuple[Array, Array, Array]:
-    """Colour, alpha and depth of what a `gsbridge.scene.groups.GroupedComposition` sees of its splats, as `draw` gives them.
+    """Colour, alpha and depth of the splats that a `gsbridge.scene.groups.GroupedComposition` has in view; see `draw`.
 
     Args:
         splats: All splats.
@@ -172,10 +172,10 @@ def draw_seen(
 
 
 def pooled(colours: Array, alphas: Array, depths: Array, factor: int) -> tuple[Array, Array, Array]:
-    """Images with `factor` times fewer pixels along each edge: each shows the mean light of those that it covers.
+    """Shrink images by `factor` along each edge; each new pixel holds the mean light of those that it covers.
 
     Args:
-        colours: Encoded colours; clamped to 0..1 before. [H, W, 3].
+        colours: Encoded colours; clamped to 0..1 before the mean is taken. [H, W, 3].
         alphas, depths: Alpha, and alpha-weighted sum of camera z, m, as `draw` gives them. [H, W] each.
         factor: Divides H and W.
 
@@ -205,7 +205,7 @@ def _pool(
                     depth += depths[y, x]
                     for k in range(3):
                         value = colours[y, x, k]
-                        # Every comparison with NaN is false: such a pixel is black, as in `to_bytes`.
+                        # Every comparison with NaN is false, so that a NaN becomes black, as in `to_bytes`.
                         if value > 0.0:
                             light[k] += _LIGHT[int(min(value, one) * steps + np.float32(0.5))]
             out_alphas[i, j], out_depths[i, j] = alpha * share, depth * share
