@@ -30,7 +30,8 @@ _HULL_WIDTH = 640
 """Masks are shrunk to this width for the hull."""
 
 _GROUND = 0.004
-"""The hull starts this share of the working distance above the table: a shadow, which lies on it, is no part of the hull."""
+"""Height above the table at which the hull starts, as a share of the working distance, so that it excludes shadows on the
+table."""
 
 _FEW = 0.1
 """Largest share of masks that may disagree with the hull; the others outvote them."""
@@ -41,7 +42,7 @@ def hull_of_masks(
 ) -> Mesh | None:
     """Visual hull of masks, grown to the table.
 
-    The votes count only views that show anything: an empty mask is a failed one, not a proof that there is no object.
+    Only views with a mask that is not empty vote: an empty mask is a failed one, not a proof that there is no object.
 
     Args:
         views: Posed photos.
@@ -69,7 +70,7 @@ def hull_of_masks(
     mesh = mesh_of_field(grid, field)
     if mesh is None:
         return None
-    # Stretch the lowest layer down to the table, where the object stands.
+    # Stretch the lowest layer down to the table, on which the object stands.
     vertices = mesh.vertices.copy()
     vertices[vertices[:, 2] < ground + 0.25 * spacing, 2] = 0.0
     return Mesh(vertices, mesh.faces)
@@ -93,7 +94,7 @@ def overlap(first: Array, second: Array) -> float:
 
 
 def shrunk(mask: Array) -> Array:
-    """The mask at hull size. [H, W] float -> [h, w] bool."""
+    """The mask at the size that the hull is made from. [H, W] float -> [h, w] bool."""
     scale = min(1.0, _HULL_WIDTH / mask.shape[1])
     if scale == 1.0:
         return mask > 0.5
@@ -103,14 +104,14 @@ def shrunk(mask: Array) -> Array:
 def agreed_hull(
     views: Sequence[View], masks: Sequence[Array], prompt: Prompt, settings: MaskSettings, wanted: float, threads: int
 ) -> Mesh:
-    """Visual hull of the masks, with a vote that yields where the views agree on nothing.
+    """Visual hull of the masks; the vote is lowered if the masks share no point.
 
     Args:
         views: Posed photos.
         masks: One per view. [H, W] each.
         prompt: Where the object stands.
         settings: See `MaskSettings`.
-        wanted: The vote; where the masks share no point, 85 % and 70 % of it are tried.
+        wanted: The vote; if the masks share no point, 85 % and then 70 % of it are tried.
         threads: Threads to use.
 
     Raises:
@@ -130,7 +131,7 @@ def agreed_hull(
 
 
 def disagreements(agreement: Sequence[float], names: Sequence[str], least: float) -> list[str]:
-    """Why masks may be wrong: all of them, or some, and the worst.
+    """Report masks that disagree with their common hull, on average or one by one, and name the worst.
 
     Args:
         agreement: Overlap (IoU) of each mask with the common hull as its photo sees it.

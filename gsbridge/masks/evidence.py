@@ -1,7 +1,7 @@
-"""What speaks against masks, and what mends them: points that were measured on the object without any mask.
+"""Check and repair masks by sparse points of the object, which were measured without any mask.
 
-Masks that err alike agree with each other, and so does their common hull. But a photo in which the reconstruction found a point
-of the object shows the object there.
+Masks with the same error agree with each other and with their common hull. But if the reconstruction found a point of the
+object in a photo, the photo shows the object there.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from gsbridge.photogrammetry.carving import mesh_depth
 from gsbridge.photogrammetry.sparse import SparsePoints
 
 _NEAR = 0.015
-"""A point this near to a mask is on its outline: share of the root of the mask's area."""
+"""A point nearer than this to a mask is on its outline, as a share of the root of the mask's area."""
 _FEWEST = 12
-"""Points of the object, or of its lowest part, that a photo must show before they say anything about its mask."""
+"""Least number of points of the object, or of its lowest part, that a photo must show before its mask is judged by them."""
 _CHANCE = 2
-"""Points outside a mask that may be wrong matches; only more of them count."""
+"""Up to this many points outside a mask may be wrong matches; only more than that count."""
 _LOW = 0.25
-"""The lowest part of an object, where its shadow lies, as a share of its height."""
+"""Height of the object's lowest part, beside which its shadow lies, as a share of the object's height."""
 _LOOSE = 0.015
-"""How far a hull is taken to reach beyond the object, as a share of its outline's size."""
+"""How far a hull is assumed to reach beyond the object, as a share of its outline's size."""
 _FEWEST_SOUND = 6
-"""Masks without bites that a hull needs."""
+"""Least number of masks that are not bitten from which a hull is made."""
 BITTEN = 0.1
 """A mask lacks a part of the object (it is *bitten*) if it leaves out this share of the object's points in its photo."""
 SPILT = 0.1
@@ -41,22 +41,25 @@ SPILT = 0.1
 MANY = 0.1
 """If more than this share of the masks is bitten, the object's shape is in doubt, too."""
 _LOST = 0.3
-"""Masks have *lost* a point if more than this share of those whose photos show it leave it out."""
+"""A point is *lost* if more than this share of the masks whose photos show it leave it out."""
 _HIDDEN_LOST = 0.06
-"""Share that counts as lost among all masks, those whose photos do not show the point included: their hull would lose it."""
+"""A point is also lost if more than this share of all masks leave it out, counting photos that do not show it: a hull of all
+masks would lose the point."""
 _LOCAL = 0.25
-"""Such a point counts only if this share of the points near it is lost, too: wrong matches lie among points that are not."""
+"""Such a point counts only if this share of the object's points near it is lost in the same way; wrong matches lie among points
+that are not lost."""
 _SPREAD_DEG = 6.0
 """A point's position is certain if the photos that show it look from directions this far from their mean."""
 _WIDEST_GAP_DEG = 160.0
-"""A position is also uncertain if photos leave a wider gap around it: from one side, a neighbour looks like a part."""
+"""No position is certain if the cameras leave a wider gap than this around the place they look at: from one side, a neighbour
+looks like a part of the object."""
 _REACH = 0.08
-"""Narrower gaps between measured points, or between them and the mask, belong to the object, too; a share of the root of the
-mask's area."""
+"""Gaps narrower than about this between lost points, or between them and the mask, belong to the object, too; a share of the
+root of the mask's area."""
 _PART, _PART_POINTS = 0.1, 5
-"""A part of the object is missing where five lost points lie within a tenth of its size; of wrong matches at most two do."""
+"""A part of the object is missing if five lost points lie within a tenth of its size; at most two wrong matches do."""
 _COMPANY = 3
-"""Measured points beside a mask count if this many lie within three times `_REACH`; a single one is a wrong match."""
+"""Lost points beside a mask count only if this many lie within three times `_REACH`; a single one is a wrong match."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +67,10 @@ class Missed:
     """Points that a photo shows on the wrong side of its mask's outline.
 
     Args:
-        share: Share of the object's points that lie outside the mask; 0 where the photo shows too few to tell.
-        low: The same share among the points on the object's lowest part; 0 where those are too few.
-        table: Points of the table well inside the mask, per point of the object, of which `_FEWEST` count at least; 0 where too
-            few lie there to tell.
+        share: Share of the object's points that lie outside the mask; 0 if the photo shows too few to tell.
+        low: The same share among the points on the object's lowest part; 0 if those are too few.
+        table: Number of the table's points well inside the mask, divided by the number of the object's points in the photo
+            (taken as `_FEWEST` at least); 0 if fewer than `_FEWEST` of the table's points lie there.
     """
 
     share: float
@@ -81,16 +84,16 @@ class Missed:
 
 
 def reached(mask: Array, pixels: Array) -> Array:
-    """Extend a mask or outline to the measured points beside it: a hull loses what some of the masks leave out.
+    """Extend a mask to the lost points beside it, because a hull lacks what some of the masks leave out.
 
-    A point of the object lies within the object's outline in every photo, seen there or hidden.
+    A point of the object lies within the object's outline in every photo, whether it is visible or hidden there.
 
     Args:
         mask: Pixels of the object as known so far. [h, w] bool.
-        pixels: Where points of the object lie that masks have lost, px; those with NaN are left out. [K, 2].
+        pixels: Positions of points of the object that masks have lost, px; those with NaN are left out. [K, 2].
 
     Returns:
-        [h, w] bool; unchanged where no group of points lies beside it, and where it is empty, which is a failed mask.
+        [h, w] bool; unchanged if no group of points lies beside the mask, or if the mask is empty, which means it failed.
     """
     if not mask.any():
         return mask
@@ -104,20 +107,20 @@ def reached(mask: Array, pixels: Array) -> Array:
     discs = np.zeros(mask.shape, bool)
     discs[firm[:, 0], firm[:, 1]] = True
     whole = mask | grown(discs, radius)
-    # Discs reach past the outermost points, and so past the object: their rim is taken off again. Beyond the photo's border
-    # nothing is known: taken for the object, it would fill the sliver between an object and the border.
+    # Discs reach past the outermost points, and so past the object, so the erosion takes their rim off again. Pixels beyond the
+    # photo's border count as background; as object they would fill the sliver between an object and the border.
     inner = cv2.erode(whole.astype(np.uint8), disc(radius), borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
     return mask | inner | discs
 
 
 def _seen(view: View, number: int, sparse: SparsePoints, members: Array) -> tuple[Array, Array]:
-    """Points of the object that a photo shows, and their rows and columns in it. -> [K], [K, 2]."""
+    """Numbers of the object's points that a photo shows, and their rows and columns in it. -> [K], [K, 2]."""
     seen = sparse.seen_by(number)
     return _within(view, sparse, seen[members[seen]])
 
 
 def _within(view: View, sparse: SparsePoints, seen: Array) -> tuple[Array, Array]:
-    """Points among some that lie within a photo's frame, and their rows and columns in it. [N] -> [K], [K, 2]."""
+    """Those of the points `seen` that lie within a photo's frame, and their rows and columns in it. [N] -> [K], [K, 2]."""
     pixels = view.camera.project(sparse.points[seen] @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
     place = np.floor(np.nan_to_num(pixels, nan=-1)).astype(int)[:, ::-1]
     valid = (place >= 0).all(axis=1) & (place < (view.camera.height, view.camera.width)).all(axis=1)
@@ -125,7 +128,9 @@ def _within(view: View, sparse: SparsePoints, seen: Array) -> tuple[Array, Array
 
 
 def surely_placed(views: Sequence[View], sparse: SparsePoints) -> Array:
-    """Points seen from directions far enough apart, in photos from all sides: others may be table, lifted by their error.
+    """Find points whose position is certain; an uncertain one may be a point of the table, lifted by its error.
+
+    The cameras must stand on all sides, and the photos that show a point must look from directions far enough apart.
 
     Args:
         views: Posed photos, in the order of the sparse model's.
@@ -135,7 +140,7 @@ def surely_placed(views: Sequence[View], sparse: SparsePoints) -> Array:
         [N] bool.
     """
     of, centres = sparse.point_index, np.stack([view.centre for view in views])
-    # Round what the cameras look at: most points may lie on a wall or a shelf behind.
+    # Angles are taken round the place that the cameras look at, because most points may lie on a wall or a shelf behind it.
     around = centres - focus_point(views)
     angles = np.sort(np.degrees(np.arctan2(around[:, 1], around[:, 0])))
     if np.diff(np.append(angles, angles[0] + 360.0)).max() > _WIDEST_GAP_DEG:
@@ -153,16 +158,16 @@ def surely_placed(views: Sequence[View], sparse: SparsePoints) -> Array:
 def lost_points(
     views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array, slack: float = 0.0
 ) -> Array:
-    """Points of the object that masks have lost, for instance a foot that has the colour of its shadow.
+    """Find points of the object that masks have lost, for instance on a foot that has the colour of its shadow.
 
-    Photos that do not show a point count, too: looked at from above, a bowl's side is too oblique to match, but it is there.
+    Photos in which a point was not found count, too: seen from above, a bowl's side is too oblique to match, but it is there.
 
     Args:
         views: Posed photos, in the order of the sparse model's.
         masks: One per view, 0..1. [H, W] each.
         sparse: The sparse model.
         members: Points of the object. [N] bool.
-        slack: How far beside a mask a point is still on its outline, as a share of the root of the mask's area.
+        slack: Distance from a mask up to which a point is still on its outline, as a share of the root of the mask's area.
 
     Returns:
         [N] bool.
@@ -191,7 +196,7 @@ def lost_points(
 
 
 def lost_parts(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array) -> list[str]:
-    """Why masks may lack a small part that stands off: too few points to count in any photo, but all of them in one place.
+    """Report a small part that masks may lack: too few lost points to count in any photo, but all of them in one place.
 
     Args:
         views: Posed photos, in the order of the sparse model's.
@@ -203,7 +208,7 @@ def lost_parts(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoin
     if len(found) == 0:
         return []
     size = float(np.ptp(sparse.points[members], axis=0).max())
-    # Round a foot on a patterned table many outlines' corners are measured: sound masks leave them out, and so should they.
+    # Round a foot on a patterned table, points are measured where outlines cross the pattern. Sound masks leave them out.
     lost = sparse.points[found[~seen_past(views, masks, sparse, found, _NEAR, size)]]
     if len(lost) == 0:
         return []
@@ -222,7 +227,7 @@ def lost_parts(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoin
 def missed_points(
     views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array, table: Array
 ) -> list[Missed]:
-    """Points that each photo shows on the wrong side of its mask's outline.
+    """Count the points that each photo shows on the wrong side of its mask's outline.
 
     Args:
         views: Posed photos, in the order of the sparse model's.
@@ -245,7 +250,7 @@ def missed_points(
         _, under = _seen(view, number, sparse, flat & ~members)
         inner = cv2.erode(inside.astype(np.uint8), disc(1 + round(_NEAR * np.sqrt(inside.sum())))) > 0
         spilt = int(inner[under[:, 0], under[:, 1]].sum())
-        # Of a plain thing hardly a point is seen; the table's own points tell all the same.
+        # Hardly a point is seen on a plain object, but the table's points count there, too.
         out.append(Missed(shares[0], shares[1], spilt / max(len(seen), _FEWEST) if spilt >= _FEWEST else 0.0))
     return out
 
@@ -269,9 +274,9 @@ def mended(
         hull_of: Visual hull of some of the masks, by their numbers.
 
     Returns:
-        [H, W] float32 each; the same where no mask is bitten, or so many are that the others do not tell the shape.
+        [H, W] float32 each; unchanged if no mask is bitten, or if too many are for the others to tell the shape.
     """
-    # An empty mask is a failed one: it is counted as such, not drawn from the others.
+    # An empty mask is a failed one; it is reported as such and not filled from the others.
     some = [number for number, mask in enumerate(masks) if (mask > 0.5).any()]
     bitten = [number for number in some if missed[number].bitten]
     sound = [number for number in some if not missed[number].bitten]
@@ -283,7 +288,7 @@ def mended(
         view, mask = views[number], masks[number] > 0.5
         covered = np.isfinite(mesh_depth(hull.vertices, hull.faces, view.camera, view.cam_from_table)).astype(np.uint8)
         inner = cv2.erode(covered, disc(1 + round(_LOOSE * np.sqrt(covered.sum())))) > 0
-        # Only what holds such points: what other photos see through is no bite.
+        # Only patches that contain points of the object are filled; a patch without any may be an opening of the object.
         _, patches = cv2.connectedComponents((inner & ~mask).astype(np.uint8), connectivity=4)
         _, place = _seen(view, number, sparse, members)
         held = np.unique(patches[place[:, 0], place[:, 1]])
@@ -292,7 +297,7 @@ def mended(
 
 
 def doubts(missed: Sequence[Missed], names: Sequence[str]) -> list[str]:
-    """Why masks may lack a part of the object, or hold a part of the table.
+    """Report masks that may lack a part of the object, or hold a part of the table.
 
     Args:
         missed: What `missed_points` gave for each photo.

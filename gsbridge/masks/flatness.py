@@ -1,7 +1,7 @@
-"""Which pixels show the table: those whose surroundings match other photos when all are laid onto the plane z = 0.
+"""Find pixels that show the table: their surroundings match other photos when all are projected onto the plane z = 0.
 
-An object of the table's own colour, its shadow and its reflected light fool every colour model; parallax does not. Views far
-apart are compared, so that a few millimetres of height already destroy the match.
+An object of the table's own colour, its shadow and the light it reflects deceive every colour model, but they do not change
+parallax. Views far apart are compared, so that a few millimetres of height already destroy the match.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _LEAST_DEG = 10.0
 _OTHERS = 8
 _NEEDED = 2
 _SHARE = 0.4
-"""A pixel must match at least two others, and this share of those that show the place: one match may be chance."""
+"""A pixel must match at least two other photos, and this share of those that show the place: one match may be chance."""
 _TEXTURE = 0.006
 """Least standard deviation of a window, 0..1; below it sensor noise decides the correlation."""
 _SPECK = 40
-"""Smaller matching patches, px, are chance."""
+"""Matching patches of fewer pixels than this are chance."""
 
 
 def table_homography(camera: Camera, cam_from_table: Array, other: Camera, other_from_table: Array) -> Array:
@@ -66,7 +66,7 @@ def fine_detail(photo: Array, patch: Array | None = None) -> Array:
 
     Args:
         photo: RGB. [h, w, 3] uint8.
-        patch: Pixels that alone count, so that what lies beside them leaves no trace; None for all. [h, w] bool.
+        patch: The only pixels that count, so that pixels beside them leave no trace; None for all. [h, w] bool.
 
     Returns:
         Detail, typically some thousandths; 0 outside the patch. [h, w] float32.
@@ -129,5 +129,5 @@ def table_pixels(
     count, labels, stats, _ = cv2.connectedComponentsWithStats(found, connectivity=4)
     large = np.zeros(count, bool)
     large[1:] = stats[1:, cv2.CC_STAT_AREA] >= _SPECK
-    # A window may match by its larger part: only pixels well within a matching patch are the table's.
+    # A window may match if only most of it shows the table, so only pixels well within a matching patch are the table's.
     return cv2.erode(large[labels].astype(np.uint8), np.ones((_WINDOW, _WINDOW), np.uint8)) > 0

@@ -31,7 +31,7 @@ class Crop:
 
     @classmethod
     def around(cls, pixels: Array, image_size: tuple[int, int], longest: int, margin: float = 0.25) -> Crop | None:
-        """Part of an image that holds some pixels with a margin.
+        """Choose the part of an image that holds some pixels and a margin.
 
         Args:
             pixels: Pixels to hold; those with NaN are left out. [N, 2].
@@ -40,7 +40,7 @@ class Crop:
             margin: Free edge on each side, as a share of the longer side of the pixels' bounding box.
 
         Returns:
-            The crop, or None where less than 8 px of the part lie within the image (width, height).
+            The crop, or None if less than 8 px of its width or height lie within the image.
         """
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         if len(pixels) == 0:
@@ -62,7 +62,7 @@ class Crop:
         return self.size[0] / self.width
 
     def camera(self, camera: Camera) -> Camera:
-        """Pinhole of the part, from the photo's: exactly its size, so a pixel may be a little wider than tall."""
+        """Pinhole of the resized part, from the photo's; because sizes are whole pixels, fx and fy are scaled separately."""
         part = camera.cropped(self.left, self.top, self.width, self.height)
         (width, height), (x, y) = self.size, (self.size[0] / self.width, self.size[1] / self.height)
         return Camera(width, height, part.fx * x, part.fy * y, part.cx * x, part.cy * y)
@@ -102,8 +102,8 @@ def stamp(labels: Array, pixels: Array, radius: int, value: int) -> None:
 def cut_out(image: Array, labels: Array, iterations: int, seed: int) -> Array:
     """GrabCut in the Lab colour space.
 
-    Beyond the image lies background in the colour of the image's edge: otherwise an object that nearly touches the edge would
-    claim the sliver between, in which no pixel is known to be background.
+    The image is padded with background in the colour of its edge. Otherwise an object that nearly touches the edge would claim
+    the sliver between, in which no pixel is known to be background.
 
     Args:
         image: RGB, 8-bit. [h, w, 3].
@@ -112,7 +112,7 @@ def cut_out(image: Array, labels: Array, iterations: int, seed: int) -> Array:
         seed: Seed of the colour clusters.
 
     Returns:
-        True on the object; nowhere if the labels hold no object or no background at all. [h, w] bool.
+        True on the object; False everywhere if the labels hold no object or no background at all. [h, w] bool.
 
     Source: Rother, Kolmogorov, Blake, SIGGRAPH 2004 (OpenCV's implementation).
     """

@@ -15,10 +15,10 @@ from gsbridge.masks.prompt import Prompt
 from gsbridge.photogrammetry.sparse import SparsePoints
 
 REACH = 0.02
-"""A hint speaks for measured points this near to it, as a share of the photo's longer side."""
+"""A hint also decides about measured points nearer to it than this, as a share of the photo's longer side."""
 
 _MARGIN = 0.3
-"""Room round points that join the object, as a share of its size."""
+"""Margin of the box round points that hints add to the object, as a share of the object's size."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,10 @@ def read_hints(points: Sequence[MaskPoint], views: Sequence[View]) -> list[Hints
 
 
 def hinted(prompt: Prompt, sparse: SparsePoints, views: Sequence[View], hints: Sequence[Hints]) -> Prompt:
-    """A prompt in which the measured points near hints belong where a person says, so that all photos profit.
+    """Let hints decide about the measured points near them, so that a hint in one photo helps in all.
 
     Args:
-        prompt: What the sparse model says by itself.
+        prompt: The prompt from the sparse model alone.
         sparse: The sparse model.
         views: Posed views.
         hints: Hints of each view.

@@ -1,7 +1,7 @@
 """Photos laid onto the table as another photo sees it, and the median of such layers.
 
-The layers stay 8-bit, with a table of colours each for their gain: medians of a layer come from a histogram, and the median
-across layers from one kernel. That is faster than floats and gives the same values.
+The layers stay 8-bit; each has a lookup table of colours that contains its gain. The median of one layer comes from a
+histogram, and the median across layers from one kernel. This is faster than floats and gives the same values.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from gsbridge.kernels import njit
 from gsbridge.masks.flatness import table_homography
 
 MARGIN_PX = 3
-"""Pixels this near to a mask may show the object: no evidence of the table."""
+"""Pixels this near to a mask may show the object, so they are no evidence of the table."""
 _GAIN_PIXELS = 50
 """Pixels that two photos must share before one takes the other's exposure."""
 _LEVELS = np.arange(256, dtype=np.float32) / 255
-"""sRGB 0..1 of the levels of a photo."""
+"""sRGB value, 0..1, of each 8-bit level of a photo."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Layers:
     Args:
         shown: Grey levels of each channel of the laid photos. [L, h, w, 3] uint8.
         bare: Where the laid photos show the table. [L, h, w] bool.
-        colours: sRGB 0..1 of each level and channel, as that photo's exposure would show it. [L, 256, 3] float32.
+        colours: sRGB 0..1 of each level and channel, corrected to the viewing photo's exposure. [L, 256, 3] float32.
     """
 
     shown: Array
@@ -51,7 +51,7 @@ def free_of(mask: Array) -> Array:
 
 
 def grown(mask: Array, radius: int) -> Array:
-    """A mask grown by a disc, px, looked at only where it can grow: a large disc is dear. [h, w] bool -> [h, w] bool."""
+    """Dilate a mask by a disc of `radius` px, only where it can grow, as large discs are slow. [h, w] bool -> [h, w] bool."""
     out = np.zeros(mask.shape, bool)
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     if len(rows) == 0:
@@ -73,13 +73,13 @@ def lay_on_table(
     """Lay photos onto the plane z = 0 as photo `index` sees it.
 
     Args:
-        index: The photo that looks.
-        others: The photos that are laid; they and the first must be there.
-        photos: RGB. [h, w, 3] uint8 each.
+        index: Number of the photo whose view is used.
+        others: Numbers of the photos that are laid onto the table.
+        photos: RGB; those of `index` and `others` must not be None. [h, w, 3] uint8 each.
         free: See `free_of`, of the photos' sizes. [h, w] float32 each.
         cameras: Pinholes of the photos.
         poses: `cam_from_table`. [4, 4] each.
-        away: Pixels of photo `index` that do not show the object: there exposures are compared. [h, w] bool.
+        away: Pixels of photo `index` that do not show the object; exposures are compared there. [h, w] bool.
     """
     own = photos[index]
     assert own is not None

@@ -23,7 +23,7 @@ class Prompt:
         table: Indices (into the sparse points) of points on the table, away from the object. [M].
         low, high: Box that holds the object, with a margin; `low` lies on the table. [3] each.
         distance: Working distance, from the cameras to the point they look at, m.
-        nearer: Points of something else that stands nearer to that point; 0 for nothing.
+        nearer: Number of points of another thing that stands nearer to the point the cameras look at; 0 if there is none.
     """
 
     points: Array
@@ -48,7 +48,7 @@ def focus_point(views: Sequence[View]) -> Array:
         across = np.eye(3) - np.outer(axis, axis)
         a += across
         b += across @ view.centre
-    # Axes that are nearly parallel leave the depth open; a faint pull to the table at their mean keeps it defined.
+    # Nearly parallel axes do not determine the depth; a weak pull to the point where their mean axis meets the table does.
     centre = np.mean([view.centre for view in views], axis=0)
     axis = np.mean([view.cam_from_table[2, :3] for view in views], axis=0)
     ground = centre + axis * (centre[2] / max(-axis[2], 0.05))

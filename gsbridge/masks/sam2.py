@@ -1,7 +1,7 @@
 """SAM 2 as a mask backend, with weights that the user provides.
 
 The sparse model prompts some frames with a box and points; the model's memory carries the masks through the others. The
-processor of transformers is not used, because it needs torchvision; what it does is written out here.
+processor of transformers is not used, because it needs torchvision; its steps are written out here.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def prompt_points(view: View, prompt: Prompt, size: int) -> tuple[Array, Array] 
     pad = 0.06 * (high - low)
     limit = np.array([camera.width, camera.height], dtype=np.float64)
     corners = np.clip([low - pad, high + pad], 0.0, limit)
-    # The middle of the points and the point nearest to each quartile lie safely inside.
+    # The points nearest to the median and to each quartile lie safely inside the object.
     targets = np.quantile(pixels, [0.5, 0.25, 0.75], axis=0)
     inner = pixels[[int(np.argmin(np.linalg.norm(pixels - target, axis=1))) for target in targets]]
     points = np.concatenate([corners, inner]) * (size / limit)

@@ -1,4 +1,4 @@
-"""Points beside an object that photos look past: no part of the object can be there."""
+"""Points beside an object at which no part of it can be, because photos show what lies behind them."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def seen_past(
 ) -> Array:
     """Points at which no part of the object can be, since photos whose masks exclude them show what lies behind them.
 
-    Where an outline crosses the pattern of the table, there is a corner in the photo but none in space: it slides from photo
-    to photo, and neighbouring photos agree on a place beside the object. Like points of the object it may have a long track, a
-    small residual and rays far apart. But a part of the object hides what lies behind it: the points that other photos show
-    at that place lie on the part, or before it. Beside the object they lie on the table behind. Photos in which the point
-    itself was found do not count, since these photos may be wrong. A thin part that is found in all photos is therefore
-    kept, and so is a point in front of a table without a pattern, where no point behind it was found.
+    Where an outline crosses the pattern of the table, there is a corner in the photo but none in space. The corner slides from
+    photo to photo, and neighbouring photos triangulate it to a place beside the object. Like points of the object, it may have
+    a long track, a small residual and rays far apart. But a part of the object hides what lies behind it: the points that other
+    photos show at the part's pixels lie on the part or in front of it, while beside the object they lie on the table behind.
+    Photos in which the point itself was found do not count, since they may be wrong. A thin part that is found in all photos is
+    therefore kept, and so is a point in front of a table without a pattern, where no point behind it was found.
 
     Args:
         views: Posed photos, in the order of the sparse model's.

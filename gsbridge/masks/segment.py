@@ -33,9 +33,10 @@ from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 logger = logging.getLogger("gsbridge")
 
 _SEEN_RADIUS = 0.006
-"""Round a measured point, a photo shows the object on a disc of this radius, a share of the longest side of what is cut."""
+"""Radius of the disc round a measured point that is labelled as object, as a share of the longest side of the crop."""
 _HINT_RADIUS = 0.012
-"""A hint holds for a disc of this radius, as a share of the longest side of what is cut."""
+"""Radius of the disc for which a hint holds, as a share of the crop's longest side; in finished masks, as a share of the root
+of the mask's area."""
 
 
 def _pixels(view: View, points: Array) -> Array:
@@ -44,7 +45,7 @@ def _pixels(view: View, points: Array) -> Array:
 
 
 def _stamp_hints(labels: Array, crop: Crop, hints: Hints) -> None:
-    """Write what a person said into GrabCut labels, in place. [h, w] uint8."""
+    """Write a person's hints into GrabCut labels, in place. [h, w] uint8."""
     radius = max(1, round(_HINT_RADIUS * max(crop.size)))
     grabcut.stamp(labels, crop.pixels(hints.drop), radius, BACK)
     grabcut.stamp(labels, crop.pixels(hints.keep), radius, FRONT)
@@ -60,7 +61,7 @@ def _first_labels(view: View, index: int, crop: Crop, prompt: Prompt, sparse: Sp
     hull = np.zeros(labels.shape, np.uint8)
     cv2.fillConvexPoly(hull, cv2.convexHull(object_pixels[np.isfinite(object_pixels).all(axis=1)].astype(np.int32)), 1)
     labels[hull > 0] = UNSURE_FRONT
-    # Object points lie within the outline in every view, seen there or not; the outermost ones may be off by their noise.
+    # Object points lie within the outline in every view, visible there or not; noise may push the outermost ones outside.
     border = 2 * round(0.08 * np.sqrt(hull.sum())) + 1
     inner = cv2.erode(hull, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (border, border))) > 0
     radius = max(2, round(0.012 * max(crop.size)))
@@ -75,22 +76,23 @@ def _first_labels(view: View, index: int, crop: Crop, prompt: Prompt, sparse: Sp
 
 
 def _stamp_seen(labels: Array, covered: Array, seen: Array) -> None:
-    """Write into labels, in place, that the object is where the photo shows its measured points. [h, w] uint8, [h, w] bool."""
+    """Label discs round points of the object that the photo shows as `FRONT`, in place. [h, w] uint8, [h, w] bool."""
     front = labels.copy()
     grabcut.stamp(front, seen, max(1, round(_SEEN_RADIUS * max(labels.shape))), FRONT)
-    # A wrong match lies beside the outline.
+    # Wrong matches lie beside the outline, so only pixels within it are labelled.
     labels[(front == FRONT) & covered] = FRONT
 
 
 def _band_labels(hull: Array, before: Array, width: float) -> Array:
-    """GrabCut labels from the hull's outline: sure beyond `width` px of it, the inside only where the mask before agrees.
+    """GrabCut labels from the hull's outline: undecided near the outline, within about `width` px, and certain beyond that.
 
-    At the ends of a path the hull is loose, because all other views look from one side.
+    The inside is certain only where the previous mask agrees: at the ends of a camera path the hull is too large, because all
+    other views look from one side.
     """
     mask = hull.astype(np.uint8)
     labels = np.where(hull, UNSURE_FRONT, UNSURE_BACK).astype(np.uint8)
     labels[(cv2.erode(mask, _disc(width)) > 0) & before] = FRONT
-    # A hull errs to the outside, where views are missing, so less is open there.
+    # Where views are missing a hull is too large, never too small, so the undecided band is narrower outside.
     labels[cv2.dilate(mask, _disc(0.6 * width)) == 0] = BACK
     return labels
 
@@ -129,9 +131,9 @@ def _grabcut_masks(
     threads: int,
     rough: Mesh | None,
 ) -> tuple[list[Array], Mesh]:
-    """Masks of all views by GrabCut, hull, GrabCut within a band of the hull. -> list of [H, W] float32 0..1, last hull.
+    """Masks of all views: GrabCut, then a hull, then GrabCut in a band along the hull's outline, repeatedly.
 
-    A rough hull that is known beforehand stands in for the first masks.
+    Returns the masks, [H, W] float32 0..1 each, and the last hull. A rough hull known beforehand replaces the first masks.
     """
     crops = [
         Crop.around(_pixels(view, prompt.box_corners()), (view.camera.width, view.camera.height), settings.crop_px)
@@ -173,7 +175,7 @@ def _grabcut_masks(
             jobs = [pool.submit(cut, index, hull, share) for index in range(len(views))]
             masks = [job.result() for job in progress.counted(jobs)]
             lost = lost | lost_points(views, masks, sparse, members)
-            # The first masks err in many views; later ones must agree better.
+            # The first masks are wrong in many views, so their vote is lower; later masks must agree better.
             vote = settings.hull_vote if number == 0 else settings.strict_vote
             hull = agreed_hull(views, masks, prompt, settings, vote, threads)
     masks = subtract_table(views, masks, prompt, settings, threads, progress, sparse.points[lost])
@@ -182,13 +184,13 @@ def _grabcut_masks(
 
 
 def _smoothed(mask: Array, hull: Array) -> Array:
-    """A mask without bites and spurs of a few pixels: bites only where the hull says object, spurs only where it says none.
+    """Fill small bites in a mask where the hull says object, and remove small spurs where it says none. [H, W] -> [H, W] bool.
 
-    They come from marks on the object that have the table's colour, or the other way round. [H, W] -> [H, W] bool.
+    Bites come from marks on the object in the table's colour, spurs from marks on the table in the object's.
     """
     inside = mask > 0.5
     brush = _disc(max(2.0, 0.04 * np.sqrt(inside.sum())))
-    # What lies beyond the photo's border is no object: a sliver between the two is no bite.
+    # Pixels beyond the photo's border count as background, or the closing would fill a sliver between object and border.
     closed = (
         cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_CLOSE, brush, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
     )
@@ -199,7 +201,7 @@ def _smoothed(mask: Array, hull: Array) -> Array:
 
 
 def _finished(views: Views, masks: list[Array], hull: Mesh, hints: Sequence[Hints], threads: int) -> list[Array]:
-    """Masks with smooth outlines and, on them, the share of the object in each pixel. -> list of [H, W] float32."""
+    """Smooth the outlines of masks, and give pixels on them the object's share in the pixel. -> list of [H, W] float32."""
 
     def work(index: int) -> Array:
         view = views[index]
@@ -237,7 +239,7 @@ def segment_object(
         settings: See `MaskSettings`.
         seed: Random seed.
         threads: Threads to use.
-        points: What a person said about single pixels, see `SceneMasks`.
+        points: Hints by a person about single pixels, see `SceneMasks`.
 
     Raises:
         InputError: A file or setting cannot be used.

@@ -1,4 +1,4 @@
-"""What stands out from the table: a first shape for things so plain that hardly a point is measured on them.
+"""A first shape for objects so plain that hardly a point is measured on them, from the pixels that hide the table.
 
 No spot of a white box can be matched between photos, but the box hides the table's pattern in each of them.
 """
@@ -29,25 +29,26 @@ from gsbridge.photogrammetry.sparse import SparsePoints
 logger = logging.getLogger("gsbridge")
 
 FEW_POINTS = 60
-"""Fewer measured points than this say where a thing is, but not how large it is."""
+"""Fewer measured points than this tell where an object is, but not how large it is."""
 _REACH = 0.4
-"""How far from the point the cameras look at a thing may stand off, to each side and upwards, as a share of the working
+"""Reach of the search to each side of the place the cameras look at, and upwards from the table, as a share of the working
 distance."""
 _CROP = 400
 """Longest side of the parts of the photos that are compared, px."""
 _MARGIN = 0.1
-"""How far a first hull may be off, as a share of its outline's size."""
+"""Assumed error of the first hull, as a share of its outline's size."""
 _SAMPLES = 2000
 """Points of the rough hull that stand in for measured ones."""
 _VOTE = 0.5
-"""Share of the photos in which a place must stand out: a plain thing's front hides no table in the photos taken from there."""
+"""Share of the photos in which a place must stand out. It is low because a plain object's front does not stand out in photos
+taken from that side (see `hidden_table`)."""
 
 
 def hidden_table(index: int, photos: Sequence[Array | None], cameras: Sequence[Camera], poses: Sequence[Array]) -> Array:
-    """Pixels of one photo that do not show the table as most others do, where nothing is known of the object yet.
+    """Pixels in which one photo differs from the table as most others show it, before anything is known of the object.
 
-    Every spot beside a thing is seen bare from most sides, so the median over all photos is the table. On its footprint the
-    median is the thing itself: there, and on what a photo sees before it, a plain thing does not stand out.
+    Every spot beside an object is seen bare from most sides, so the median over all photos is the table. On the object's
+    footprint the median is the object itself, so a plain object does not stand out where it covers its own footprint.
 
     Args:
         index: The photo.
@@ -56,7 +57,7 @@ def hidden_table(index: int, photos: Sequence[Array | None], cameras: Sequence[C
         poses: `cam_from_table`. [4, 4] each.
 
     Returns:
-        [h, w] bool; nothing where too few photos see the table.
+        [h, w] bool; False where too few photos see the table.
     """
     photo = photos[index]
     others = compared_photos(index, photos)
@@ -72,11 +73,11 @@ def hidden_table(index: int, photos: Sequence[Array | None], cameras: Sequence[C
 
 
 def hull_standing_out(views: Views, focus: Prompt, settings: MaskSettings, threads: int) -> Mesh | None:
-    """Rough hull of what hides the table where the cameras look.
+    """Rough hull of the thing that hides the table at the place the cameras look at.
 
     Args:
         views: Posed, undistorted photos.
-        focus: Where the object is thought to be.
+        focus: Where the object is assumed to be.
         settings: See `MaskSettings`.
         threads: Threads to use.
 
@@ -106,7 +107,7 @@ def hull_standing_out(views: Views, focus: Prompt, settings: MaskSettings, threa
     rough = hull_of(lambda index: hidden_table(index, photos, cameras, poses), _VOTE)
     if rough is None:
         return None
-    # Once it is known where it stands, only photos that show a spot bare tell what lies there.
+    # Now that the object's place is known, the table's colour at a spot comes only from photos that show the spot bare.
     guesses = [_grown_outline(rough, camera, pose) for camera, pose in zip(cameras, poses, strict=True)]
     free = [free_of(guess) for guess in guesses]
 
@@ -124,7 +125,7 @@ def _grown_outline(hull: Mesh, camera: Camera, pose: Array) -> Array:
 
 
 def find_plain_object(views: Views, sparse: SparsePoints, settings: MaskSettings, threads: int) -> tuple[Prompt, Mesh | None]:
-    """Find the object: by its measured points or, where they are few, by what stands out from the table there.
+    """Find the object by its measured points or, if they are few, by the pixels that differ from the table there.
 
     Args:
         views: Posed, undistorted photos.
@@ -133,7 +134,7 @@ def find_plain_object(views: Views, sparse: SparsePoints, settings: MaskSettings
         threads: Threads to use.
 
     Returns:
-        The prompt, and the rough hull where it comes from one.
+        The prompt, and the rough hull if the prompt comes from one.
 
     Raises:
         StageError: Too few points lie on an object, and nothing stands out from the table.
@@ -165,12 +166,12 @@ def find_plain_object(views: Views, sparse: SparsePoints, settings: MaskSettings
 
 
 def _surroundings(views: Views, found: Prompt | None) -> Prompt:
-    """Where a thing is looked for, of which a prompt may know some points."""
+    """Prompt whose box is to be searched for an object, some points of which may be known from `found`."""
     focus = focus_point(views)
     distance = working_distance(views, focus)
     middle = focus if found is None else np.median(found.points, axis=0)
     reach = _REACH * distance
     low, high = np.array([*(middle[:2] - reach), 0.0]), np.array([*(middle[:2] + reach), reach])
-    # Without points, what stands where the cameras look.
+    # Without points, a column at the place the cameras look at stands in for the object.
     column = np.c_[np.tile(middle[:2], (20, 1)), np.linspace(0, reach, 20)]
     return Prompt(column if found is None else found.points, np.zeros(0, int), low, high, distance)

@@ -1,7 +1,7 @@
-"""Which pixels differ from the bare table: the table behind each pixel is known from photos in which nothing covers it.
+"""Find pixels that differ from the bare table, which is known at each pixel from photos in which nothing covers it.
 
 Colour models cannot tell a dark tip from a dark cloth. But the tip does not have the colour of the very spot of cloth behind
-it, and that spot is seen by other photos. Contact shadows lie on the table, are alike in all photos, and so belong to it.
+it, and other photos show that spot. Contact shadows lie on the table and look alike in all photos, so they count as table.
 """
 
 from __future__ import annotations
@@ -27,24 +27,25 @@ from gsbridge.masks.layers import MARGIN_PX, disc, free_of, grown, lay_on_table,
 from gsbridge.masks.prompt import Prompt
 
 _OTHERS = 24
-"""Photos that the table is taken from; a median needs no more."""
+"""Largest number of photos from which the table's colour is taken; a median needs no more."""
 NEEDED = 5
-"""Photos that must show a spot of the table before its colour is believed."""
+"""Photos that must show a spot of the table before its colour is used."""
 _USUAL = 4.0
-"""A pixel differs from the table if it does so by this many times the median difference of bare table."""
+"""A pixel differs from the table if its difference exceeds this many times the median difference on bare table."""
 _LEAST_DIFFERENCE = 0.045
 """Smallest difference that counts, 0..1 sRGB; below it sensor noise and interpolation decide."""
 _MISPLACED_PX = 0.5
-"""Error of pose and of linear interpolation that the pattern of the table may show."""
+"""Assumed error of pose and interpolation, px; differences that such a shift of the table's pattern explains do not count."""
 _LOW, _ENOUGH, _WIDER = 0.35, 20, 1.5
-"""A foot is below this share of the height; the fewest points of foot and of body; and how much larger its outline must be."""
+"""The foot is the part below `_LOW` of the height. It is wide if the area of its outline is more than `_WIDER` times that of
+the body above; foot and body need `_ENOUGH` points each."""
 
 _BESIDE = 0.1
-"""How far beyond its sparse points an object may touch the table, as a share of its size."""
+"""Distance beyond its sparse points at which an object may still touch the table, as a share of its size."""
 _RIM = 0.15
-"""Plain pixels are taken off to this depth, as a share of the object's size."""
+"""Pixels of the table's colour are removed from a mask's rim down to this depth, as a share of the root of the mask's area."""
 _WINDOW = 0.003
-"""Smallest share of a mask that a window takes; smaller patches of the table's colour are the object's own marks."""
+"""Area of the smallest window as a share of the mask; smaller patches of the table's colour are the object's own marks."""
 _WINDOW_MATCH = 0.75
 """Least correlation of a window's pattern with the table behind it: a plain patch may have the table's colour by chance."""
 _WINDOW_TEXTURE = 0.005
@@ -54,7 +55,7 @@ _WINDOW_VIEWS = 3
 _NONE: Array = np.zeros((0, 3))
 """No points."""
 _MAJORITY = 0.75
-"""Share of the views that must agree on a point before what they add there counts."""
+"""Share of the views that must agree on a point before their additions to the masks count there."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,11 @@ class Evidence:
     """Evidence from the bare table about the pixels of one photo.
 
     Args:
-        strange: The pixel does not have the table's colour at that spot. [h, w] bool.
-        plain: The pixel clearly has it. [h, w] bool. Both are False where too few photos see the spot.
+        strange: The pixel differs from the table's colour at that spot. [h, w] bool.
+        plain: The pixel clearly has that colour. [h, w] bool. Both are False where too few photos see the spot.
         table: The bare table, RGB 0..1, where it is known; the photo elsewhere. [h, w, 3].
-        foot: Its line of sight meets the table where the object may stand, and no photo shows that spot bare. [h, w] bool.
+        foot: The pixel's line of sight meets the table where the object may stand, and no photo shows that spot bare. [h, w]
+            bool.
     """
 
     strange: Array
@@ -85,8 +87,8 @@ def compare_with_table(
 ) -> Evidence:
     """Compare one photo with the table behind it as the other photos show it, laid onto the plane z = 0.
 
-    A spot counts only in photos whose own mask leaves it free; the colour is their median, after a gain per photo and channel
-    for cameras that change their exposure.
+    A spot counts only in photos whose own mask leaves it free. The table's colour is the median of these photos, after a gain
+    per photo and channel for cameras that change their exposure.
 
     Args:
         index: The photo.
@@ -94,9 +96,8 @@ def compare_with_table(
         masks: The object as known so far, of the photos' sizes. [h, w] bool each.
         cameras: Pinholes of the photos.
         poses: `cam_from_table`. [4, 4] each.
-        free: `free_of` each mask, where many photos are compared; None makes them. [h, w] float32 each.
-        ground: Convex outline of the ground on which the object may stand, on the table; None where that does not matter.
-            [K, 2].
+        free: `free_of` each mask, made beforehand if many photos are compared; None makes them here. [h, w] float32 each.
+        ground: Convex outline of the ground on which the object may stand, on the table, m; None to find no foot. [K, 2].
     """
     photo = photos[index]
     assert photo is not None
@@ -113,19 +114,19 @@ def compare_with_table(
     if not known.any():
         return Evidence(nothing, nothing, own, nothing)
     smooth, least = excess_over_table(own, table, known & away)
-    # Pixels on the outline are of both: they are strange, but not yet the object.
+    # Pixels on the outline mix object and table: they differ from the table without being the object's, so they are eroded.
     strange = cv2.erode((known & (smooth > least)).astype(np.uint8), disc(1)) > 0
     plain = cv2.morphologyEx((known & (smooth < 0.5 * least)).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
     foot = nothing
     if ground is not None:
         unseen = (_over(ground, cameras[index], poses[index]) & near & ~plain) | masks[index]
-        # Right beside a mask nothing counts as bare; that margin is no foot.
+        # No pixel right beside a mask counts as bare, but that margin is no foot, so it is eroded.
         foot = (cv2.erode(unseen.astype(np.uint8), disc(MARGIN_PX)) > 0) & ~masks[index]
     return Evidence(strange, plain, table, foot)
 
 
 def excess_over_table(own: Array, table: Array, bare: Array) -> tuple[Array, float]:
-    """Difference between a photo and the table, beyond what small errors of the pose explain, and from where on it counts.
+    """Difference of a photo from the table beyond what small pose errors explain, and the threshold from which it counts.
 
     Args:
         own: The photo, 0..1. [h, w, 3].
@@ -142,7 +143,7 @@ def excess_over_table(own: Array, table: Array, bare: Array) -> tuple[Array, flo
 
 
 def compared_photos(index: int, photos: Sequence[Array | None]) -> list[int]:
-    """Photos to compare photo `index` with, by number: at most `_OTHERS`, evenly from all there are. [h, w, 3] each."""
+    """Numbers of the photos to compare photo `index` with: at most `_OTHERS`, evenly from all there are. [h, w, 3] each."""
     others = [i for i, other in enumerate(photos) if other is not None and i != index]
     if len(others) > _OTHERS:
         others = [others[i] for i in np.linspace(0, len(others) - 1, _OTHERS).round().astype(int)]
@@ -150,7 +151,7 @@ def compared_photos(index: int, photos: Sequence[Array | None]) -> list[int]:
 
 
 def ground_of(points: Array) -> Array:
-    """Convex outline of the ground on which an object may stand. [N, 3] sparse points of it -> [K, 2], on the table."""
+    """Convex outline of the ground on which an object may stand, m. [N, 3] sparse points of the object -> [K, 2]."""
     corners = cv2.convexHull(np.ascontiguousarray(points[:, :2], dtype=np.float32))[:, 0].astype(np.float64)
     reach = _BESIDE * float(np.ptp(points, axis=0).max())
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
@@ -161,7 +162,8 @@ def ground_of(points: Array) -> Array:
 def stands_wide(points: Array) -> bool:
     """Whether an object's foot is wider than what stands on it, by its sparse points. [N, 3].
 
-    Only then is the ground that no photo shows surely the object's: under what hangs over, as under a ball, it is hidden, too.
+    Only then does ground that no photo shows surely belong to the object. Under an overhang, as under a ball, ground is hidden
+    without belonging to it.
     """
     low = points[:, 2] < _LOW * points[:, 2].max()
     if min(np.count_nonzero(low), np.count_nonzero(~low)) < _ENOUGH:
@@ -171,7 +173,7 @@ def stands_wide(points: Array) -> bool:
 
 
 def _over(ground: Array, camera: Camera, pose: Array) -> Array:
-    """Pixels whose line of sight meets the table within an outline; none where it reaches behind the camera. -> [h, w] bool."""
+    """Pixels whose line of sight meets the table within an outline; none if that reaches behind the camera. -> [h, w] bool."""
     out = np.zeros((camera.height, camera.width), np.uint8)
     pixels = camera.project(np.c_[ground, np.zeros(len(ground))] @ pose[:3, :3].T + pose[:3, 3])
     if np.isfinite(pixels).all():
@@ -182,13 +184,12 @@ def _over(ground: Array, camera: Camera, pose: Array) -> Array:
 def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Array:
     """Correct a mask by the bare table: add patches that differ from it, and the foot; take off rims that look like it.
 
-    A dark foot on a dark table differs as little from the table as the table itself, but no photo shows the table bare where
-    the foot stands.
+    A dark foot on a dark table does not differ from the table, but no photo shows the table bare where the foot stands.
 
     Args:
         mask: The object so far. [h, w] bool.
         evidence: Evidence of the same photo.
-        allowed: Where the object can be at all, from the other views; None: everywhere. [h, w] bool.
+        allowed: Where the object can be at all, according to the other views; None for everywhere. [h, w] bool.
 
     Returns:
         [h, w] bool; may hold patches apart from the object.
@@ -198,7 +199,7 @@ def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Arra
     if allowed is not None:
         added &= allowed
     depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
-    # Inside the object a spot may have the table's colour by chance; only the rim is judged.
+    # Inside the object a spot may have the table's colour by chance, so only the rim is corrected.
     rim = cv2.morphologyEx((evidence.plain & mask).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
     rim &= depth < _RIM * np.sqrt(max(mask.sum(), 1))
     _, patches = cv2.connectedComponents((rim | ~mask).astype(np.uint8), connectivity=4)
@@ -207,7 +208,7 @@ def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Arra
 
 
 def windows(mask: Array, photo: Array, evidence: Evidence) -> Array:
-    """Parts of a mask through which the table is seen: they have its colour of that very spot, and its pattern.
+    """Find parts of a mask through which the table is seen: they have its colour at that very spot, and its pattern.
 
     Args:
         mask: The object so far. [h, w] bool.
@@ -219,29 +220,29 @@ def windows(mask: Array, photo: Array, evidence: Evidence) -> Array:
     """
     found = np.zeros(mask.shape, bool)
     same = (evidence.plain & mask).astype(np.uint8)
-    # Where a rim turns away from the light it takes on any table's brightness: such ribbons are no windows.
+    # A rim that turns away from the light takes on the brightness of any table somewhere; such thin ribbons are no windows.
     core = cv2.morphologyEx(same, cv2.MORPH_OPEN, disc(max(2, round(0.02 * np.sqrt(mask.sum())))))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(core, connectivity=4)
     behind = np.clip(255 * evidence.table, 0, 255).astype(np.uint8)
     for label in range(1, count):
         if stats[label, cv2.CC_STAT_AREA] > _WINDOW * mask.sum():
             patch = labels == label
-            # The window's frame stands out in the photo alone; without it a faint pattern is enough.
+            # The window's frame is in the photo only, so detail is taken within the patch; then a faint pattern is enough.
             a, b = (fine_detail(picture, patch)[patch] for picture in (photo, behind))
             a, b = a - a.mean(), b - b.mean()
             spread = float(a.std() * b.std())
             if min(a.std(), b.std()) > _WINDOW_TEXTURE and float((a * b).mean()) > _WINDOW_MATCH * spread:
                 found |= (cv2.dilate(patch.astype(np.uint8), disc(3)) > 0) & (same > 0)
-    # Pixels on a window's border are of both; half of them are the window's.
+    # Pixels on a window's border mix object and table; half of them belong to the window.
     return (cv2.dilate(found.astype(np.uint8), disc(1)) > 0) & mask & ~evidence.strange
 
 
 def open_windows(
     views: Views, masks: Sequence[Array], settings: MaskSettings, threads: int, progress: ProgressLog | None = None
 ) -> list[Array]:
-    """Masks without the windows through which several photos see the table.
+    """Remove from masks the windows through which several photos see the table.
 
-    What is seen through a window stands far behind the object, so wider parts of the photos are compared than for its outline.
+    The table seen through a window is far behind the object, so larger parts of the photos are compared than for its outline.
 
     Args:
         views: Posed, undistorted photos.
@@ -251,7 +252,7 @@ def open_windows(
         progress: Counts each photo once.
 
     Returns:
-        [H, W] float32 each; the same where fewer than three photos see through the object.
+        [H, W] float32 each; unchanged if fewer than three photos see through the object.
     """
     poses = [view.cam_from_table for view in views]
     crops, cameras, photos, parts = _cut_round_masks(views, masks, round(1.5 * settings.crop_px), 1.0, threads)
@@ -284,7 +285,8 @@ def _cut_round_masks(
     """The part of each photo round its mask, at most `longest` px long.
 
     Returns:
-        Crops; cameras of the parts; photos [h, w, 3] uint8; masks [h, w] bool. None, None and an empty mask where a mask is.
+        Crops; cameras of the parts; photos [h, w, 3] uint8; masks [h, w] bool. For an empty mask: no crop, the whole photo's
+        camera, no photo, and an empty mask.
     """
 
     def cut(view: View, mask: Array) -> tuple[Crop | None, Camera, Array | None, Array]:
@@ -319,12 +321,12 @@ def subtract_table(
     progress: ProgressLog | None = None,
     lost: Array = _NONE,
 ) -> list[Array]:
-    """Masks corrected by the bare table, where the views agree on the correction.
+    """Correct masks by the bare table, where the views agree on the correction.
 
     Args:
         views: Posed, undistorted photos.
         masks: The object so far. [H, W] float32 each.
-        prompt: What the sparse model says.
+        prompt: The object as the sparse model shows it.
         settings: See `MaskSettings`.
         threads: Threads to use.
         progress: Counts each photo once in every round.
@@ -335,7 +337,7 @@ def subtract_table(
     """
     masks = list(masks)
     for _ in range(settings.subtractions):
-        # What one round finds no longer hides the table from the next.
+        # Pixels that one round adds to the object no longer count as table in the next.
         masks = _subtract_once(views, masks, prompt, settings, threads, progress, lost)
     return masks
 
@@ -378,6 +380,6 @@ def _subtract_once(
     with ThreadPoolExecutor(threads) as pool:
         compared = pool.map(compare, range(len(views)))
         found = list(compared if progress is None else progress.counted(compared))
-        # A shadow that moved, or a thing beside the object that did, is strange too, but nowhere in space.
+        # A shadow or a thing beside the object that moved differs from the table, too, but the views agree on no place for it.
         hull = agreed_hull(views, list(pool.map(amended, range(len(views)))), prompt, settings, _MAJORITY, threads)
         return list(pool.map(agreed, range(len(views))))
