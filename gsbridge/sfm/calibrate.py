@@ -22,11 +22,11 @@ logger = logging.getLogger("gsbridge")
 MIN_VIEWS = 6
 GOOD_VIEWS = 20
 DOUBTFUL_RMS_PX, WORST_RMS_PX = 0.8, 3.0
-"""Residuals at the board from which a camera is in doubt, and above which it is none: two lenses or zooms taken for one leave
-several px, corners by themselves 0.1 to 0.4."""
+"""Residuals at the board, px, from which a camera is doubtful and above which it is rejected. Two lenses or zooms taken for one
+leave several px; the noise of the corners alone leaves 0.1 to 0.4."""
 
 MAX_VIEWS = 100
-"""Views that are solved together: the solver's cost grows with their cube, its precision with their root."""
+"""Largest number of views that are solved together: the solver's cost grows with its cube, the precision with its root."""
 
 Match = tuple[Array, Array]
 """Corners of one view: board frame, m [N, 3], and image, px with pixel centres at +0.5 [N, 2]."""
@@ -55,7 +55,7 @@ def calibrate_camera(keyframe_folders: Sequence[tuple[Path, Path]], board: Board
         )
     camera, rms, kept = solve(matches, size)
     reasons = [] if kept >= GOOD_VIEWS else [f"{kept} views of the board; {GOOD_VIEWS} or more are advised"]
-    # Corners are found to a fraction of a pixel, whatever the size of the photos.
+    # The limit is in pixels, because corners are found to a fraction of a pixel at any size of the photos.
     if rms > WORST_RMS_PX:
         raise StageError(
             "calibration",
@@ -83,7 +83,8 @@ def calibrate_camera(keyframe_folders: Sequence[tuple[Path, Path]], board: Board
 def solve(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Camera, float, int]:
     """Fit a camera to views of a flat target, leaving out views that do not fit.
 
-    More than `MAX_VIEWS` views are dealt out to groups of no more; the camera is the mean of theirs, which is as precise.
+    More than `MAX_VIEWS` views are split into groups of at most that many. The result is the mean of the groups' cameras, which
+    is as precise as one large solution.
 
     Args:
         matches: Corners of each view: on the board, m [N, 3], and in the image, px [N, 2].
@@ -100,18 +101,19 @@ def solve(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Camera, floa
     figures = np.average([figures for figures, _, _ in found], axis=0, weights=views)
     fx, fy, cx, cy, k1, k2, p1, p2 = (float(value) for value in figures)
     rms = float(np.sqrt(np.average([rms**2 for _, rms, _ in found], weights=views)))
-    # OpenCV has pixel centres at integers, we at +0.5.
+    # OpenCV has pixel centres at integers, gsbridge at +0.5.
     return Camera(*size, fx, fy, cx + 0.5, cy + 0.5, (k1, k2, p1, p2)), rms, int(views.sum())
 
 
 def _solve_group(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Array, float, int]:
-    """OpenCV's fx, fy, cx, cy, k1, k2, p1, p2 from views solved together, their residual (px) and number."""
+    """OpenCV's fx, fy, cx, cy, k1, k2, p1, p2 from views solved together; the residual (px) and number of the views kept."""
     kept = list(matches)
     while True:
         boards = [b.astype(np.float32) for b, _ in kept]
         pixels = [(p - 0.5).astype(np.float32) for _, p in kept]
         criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-10)
-        rms, k, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(  # type: ignore[call-overload]  # None asks OpenCV for a first guess of its own
+        # The two None ask OpenCV for a first guess of its own.
+        rms, k, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(  # type: ignore[call-overload]
             boards, pixels, size, None, None, flags=cv2.CALIB_FIX_K3, criteria=criteria
         )
         errors = errors.ravel()

@@ -1,4 +1,4 @@
-"""What a model must show before later stages may use it."""
+"""Checks that a model must pass before later stages may use it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gsbridge.sfm.undistort import undistort_pixels
 def doubt(model: pycolmap.Reconstruction, raw_tags: Tags, board: Board | None) -> str | None:
     """Why a global model must not be trusted; None when the board's layout confirms it.
 
-    Neither the number of registered images nor the reprojection error tells a wrong global model (`docs/capture.md`).
+    Neither the number of registered images nor the reprojection error reveals a wrong global model (`docs/capture.md`).
 
     Args:
         model: The model, with distorted cameras.
@@ -61,12 +61,12 @@ def gaps(names: list[str], registered: set[str]) -> list[tuple[str, str, int]]:
 
 
 def advice(names: list[str], registered: set[str], ordered: bool) -> str:
-    """What to film again, in plain words.
+    """Advice on what to film again, in plain words.
 
     Args:
         names: All images, in the order of the capture.
         registered: Images that have a pose.
-        ordered: Whether they are frames of a film, and not single photos.
+        ordered: Whether the images are frames of a film instead of single photos.
     """
     runs = sorted(gaps(names, registered), key=lambda run: -run[2])[:3]
     where = "; ".join(first if first == last else f"{first} to {last} ({count} images)" for first, last, count in runs)
@@ -84,11 +84,11 @@ def check(outcome: MappingOutcome, photos: Photos, settings: SfmSettings, stage:
     Args:
         outcome: Result of the mapping.
         photos: Images that went into it.
-        settings: Shares of images that are asked for.
+        settings: Shares of images that must be registered.
         stage: Name of the stage, for the message.
 
     Returns:
-        Reasons of a degraded result; none for a pass.
+        Reasons why the result is degraded; none if it passes.
 
     Raises:
         StageError: Too few images registered.

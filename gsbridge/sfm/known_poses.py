@@ -1,4 +1,4 @@
-"""Photos whose poses came with them: exact ones are taken as they are, rough ones only give the unit."""
+"""Photos with given poses: exact poses are used as they are, rough ones only give the unit of length."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ from gsbridge.sfm.photos import Photos
 logger = logging.getLogger("gsbridge")
 
 ROUGH_PX = 1.0
-"""Mean reprojection error of the given poses, px, above which they may be rough: exact ones leave the noise of the features."""
+"""Mean reprojection error of given poses, px, above which they may be rough; exact poses leave only the features' noise."""
 
 BETTER = 0.8
-"""Given poses are rough if an adjustment lowers that error to this share."""
+"""Given poses are rough if bundle adjustment lowers that error to this share of it or less."""
 
 STRANGE = 0.1
-"""Share of the points that a photo usually has below which its given pose is taken for wrong."""
+"""A photo's given pose is taken for wrong if the photo has less than this share of the median number of points."""
 
 LOOSE = 0.03
-"""Mean distance of given and found camera places, as a share of their spread, from which the unit is in doubt."""
+"""Mean distance between given and found camera centres, as a share of their spread, from which the unit is in doubt."""
 
 
 def map_posed_photos(
     photos: Photos, known: Mapping[str, tuple[Camera, Array]], settings: SfmSettings, workspace: Path, seed: int, threads: int
 ) -> tuple[MappingOutcome, list[str]]:
-    """Model of photos with given poses, in the poses' unit.
+    """Build a model of photos with given poses, in the poses' unit.
 
-    Poses of another reconstruction are exact to a fraction of a pixel. Those of a phone (ARKit: Polycam, Record3D) are
-    off by centimetres and degrees, which no surface survives: there the cameras are found anew from the photos, with the given
-    intrinsics, and laid onto the given places, which know the unit.
+    Poses from another reconstruction are exact to a fraction of a pixel. Those of a phone (ARKit: Polycam, Record3D) are off by
+    centimetres and degrees, too much to reconstruct a surface. Then the cameras are estimated anew from the photos, with the
+    given intrinsics, and a similarity fits them to the given camera centres, which provide the unit.
 
     Args:
         photos: Input; its own camera is not used.
@@ -60,7 +60,7 @@ def map_posed_photos(
         threads: Threads to use.
 
     Returns:
-        The model, and why it is less sure than it looks.
+        The model, and the reasons to doubt it.
     """
     model, base = triangulate_known(photos, known, settings, workspace, seed, threads)
     doubts = drop_contradicted(model)
@@ -100,9 +100,9 @@ def map_posed_photos(
 
 
 def drop_contradicted(model: pycolmap.Reconstruction) -> list[str]:
-    """Take photos out of a model of given poses that share next to no points with the others, and say which.
+    """Remove photos that share next to no points with the others from a model of given poses, and report which.
 
-    A photo whose pose is wrong triangulates nothing, so that no reprojection error tells of it.
+    A photo whose pose is wrong triangulates nothing, so that no reprojection error reveals it.
     """
     counts = {model.image(i).name: (model.image(i).num_points3D, model.image(i).frame_id) for i in model.reg_image_ids()}
     usual = float(np.median([count for count, _ in counts.values()])) if counts else 0.0
@@ -119,14 +119,14 @@ def drop_contradicted(model: pycolmap.Reconstruction) -> list[str]:
 
 
 def laid_onto(model: pycolmap.Reconstruction, known: Mapping[str, tuple[Camera, Array]]) -> tuple[Similarity, float]:
-    """Similarity from a model to given poses, by the places of its cameras; the farthest fifth does not count.
+    """Fit a similarity from a model to given poses by the camera centres, ignoring the fifth with the largest residuals.
 
     Args:
         model: Posed model.
         known: Camera and `cam_from_world` [4, 4] by image name.
 
     Returns:
-        `given_from_model`, and the mean distance of the places that count, as a share of their spread.
+        `given_from_model`, and the mean distance of the centres that count, as a share of their spread.
     """
     images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda image: image.name)
     found = np.array([camera_centre(pose_matrix(image)) for image in images])
@@ -143,7 +143,7 @@ def laid_onto(model: pycolmap.Reconstruction, known: Mapping[str, tuple[Camera, 
 def triangulate_known(
     photos: Photos, known: Mapping[str, tuple[Camera, Array]], settings: SfmSettings, workspace: Path, seed: int, threads: int
 ) -> tuple[pycolmap.Reconstruction, Photos]:
-    """Triangulate points with cameras and poses that came with the photos; also the input with a fixed camera.
+    """Triangulate points with cameras and poses that came with the photos; also return the photos with a fixed camera.
 
     Args:
         photos: Input; its own camera is not used.

@@ -1,4 +1,4 @@
-"""Features, matches and models: one attempt after the other until enough images register."""
+"""Features, matches and models; several attempts are made until enough images register."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from gsbridge.sfm.photos import Photos
 logger = logging.getLogger("gsbridge")
 
 DOUBLED_UP_TO_PX = 1000
-"""Longer side up to which images are doubled before the search for features; the finest of larger images are mostly noise."""
+"""Images with a longer side of up to this are enlarged twofold before features are searched. In larger images the finest
+features are mostly noise."""
 
 REMATCH_PX = 4.0
 """Largest distance of a match from its epipolar line once the poses are known, px."""
@@ -32,7 +33,7 @@ MIN_IMAGE_POINTS = 30
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt at a model. `enough`: share of registered images that ends it here; None: the share that passes."""
+    """One attempt at a model; the last one if a share `enough` of the images registers (None: the share that passes)."""
 
     name: str
     exhaustive: bool
@@ -43,7 +44,7 @@ class Attempt:
 
 @dataclass
 class MappingOutcome:
-    """Best model so far. `tried`: what was tried, with the images registered by each."""
+    """Best model so far. `tried`: the attempts that were made, with the number of images that each registered."""
 
     model: pycolmap.Reconstruction | None
     mapper: str
@@ -52,15 +53,15 @@ class MappingOutcome:
 
 
 def ladder(photos: Photos, settings: SfmSettings) -> list[Attempt]:
-    """Attempts in order of cost and trust; the global mapper is last.
+    """Attempts, the cheapest and most reliable first; the global mapper is last.
 
-    Names of photos mostly follow the camera's way round the object. So where there are many, photos with neighbouring names are
-    matched first: from 50 photos on that is less than half of all pairs. Names may mislead, so that attempt must register every
-    photo.
+    Names of photos mostly follow the camera's path round the object. So if there are many, photos with neighbouring names are
+    matched first: from 50 photos on these are less than half of all pairs. Names may mislead, so this attempt must register
+    every photo to be the last one.
     """
     count = len(photos.names)
     if not photos.ordered:
-        # COLMAP's list of pairs ends a name at a blank.
+        # In COLMAP's list of pairs a name ends at a blank, so names with blanks cannot be listed.
         listed = count >= settings.neighbours_from and not any(" " in name for name in photos.names)
         near = [Attempt("neighbours", False, False, enough=1.0)] if listed else []
         every = [Attempt("exhaustive", True, False), Attempt("exhaustive, relaxed", True, True)]
@@ -91,7 +92,7 @@ def map_photos(
         workspace: Empty folder for the database.
         seed: Random seed.
         threads: Threads to use.
-        confirm: Says why a *global* model must not be trusted, or None when the board's layout confirms it.
+        confirm: Returns why a *global* model must not be trusted, or None if the board's layout confirms it.
 
     Returns:
         The model with most images; `model` is None when nothing was found.
@@ -150,14 +151,14 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
     for (width, height), focal, names in photos.by_camera():
         reader = pycolmap.ImageReaderOptions()
         if photos.camera is not None:
-            # OPENCV also without distortion, so that one model holds every case.
+            # The OPENCV model is used without distortion, too, so that one camera model serves every case.
             reader.camera_model = "OPENCV"
             params = [*colmap_params(photos.camera.undistorted()), *photos.camera.distortion]
             reader.camera_params = ",".join(repr(float(value)) for value in params)
         elif focal is not None:
             reader.camera_model = "SIMPLE_RADIAL"
             reader.camera_params = f"{focal!r},{width / 2!r},{height / 2!r},0.0"
-        # Each call makes its own camera, which the images of one size and lens share.
+        # Each call creates one camera, which the images of one size and lens share.
         pycolmap.extract_features(
             database,
             photos.folder,
@@ -174,10 +175,11 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
 def incremental_options(photos: Photos, seed: int, *, relaxed: bool) -> pycolmap.IncrementalPipelineOptions:
     """Options of the incremental mapper.
 
-    The mapper runs on one thread, like every adjustment here: with more, Ceres adds up in the order in which they end.
+    The mapper runs on one thread, like every adjustment here: with several, Ceres sums in the order in which the threads end,
+    and results differ from run to run.
 
     Args:
-        photos: A calibrated camera in them is kept as it is.
+        photos: Their calibrated camera, if any, is kept fixed.
         seed: Random seed.
         relaxed: Whether weaker pairs and poses are accepted.
     """
@@ -206,12 +208,12 @@ def incremental_options(photos: Photos, seed: int, *, relaxed: bool) -> pycolmap
 def map_database(
     database: Path, photos: Photos, attempt: Attempt, workspace: Path, seed: int
 ) -> pycolmap.Reconstruction | None:
-    """Run one mapper on what has been matched.
+    """Run one mapper on the matches in the database.
 
     Args:
         database: Features and verified matches.
-        photos: A calibrated camera in them is kept as it is.
-        attempt: Which mapper, and how strict.
+        photos: Their calibrated camera, if any, is kept fixed.
+        attempt: The mapper, and how strict it is.
         workspace: Folder that gets the models.
         seed: Random seed.
 
@@ -248,7 +250,7 @@ def map_database(
         return None
     for key in sorted(models):
         drop_weak_images(models[key])
-    # Ties go to the first model, so that the choice does not hang on the order of a mapping.
+    # Ties go to the model with the lowest key, so that the choice does not depend on the order of the dictionary.
     return max((models[key] for key in sorted(models)), key=lambda model: model.num_reg_images())
 
 
@@ -266,8 +268,8 @@ def rematch(
 ) -> pycolmap.Reconstruction:
     """Verify all matches again with the poses now known, triangulate afresh and adjust.
 
-    The first verification takes a table for the whole scene: where one homography explains most matches it drops the others as
-    outliers, and with them every point of a plain object that stands on the table.
+    The first verification may take the table for the whole scene: if one homography explains most matches of a pair, it drops
+    the others as outliers, and with them every point of a plain object that stands on the table.
 
     Args:
         model: Posed model of `photos`.
@@ -277,7 +279,7 @@ def rematch(
         threads: Threads to use.
 
     Returns:
-        The model with new points; the old one where it has more.
+        The model with new points; the old model if that has more points.
     """
     logger.info("verify the matches again with the poses found")
     database = workspace / "database.db"

@@ -1,4 +1,4 @@
-"""Which pairs of images are matched, and their matching."""
+"""The choice of image pairs to match, and their matching."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ logger = logging.getLogger("gsbridge")
 
 
 def ring(names: Sequence[str], overlap: int) -> list[tuple[str, str]]:
-    """Pairs of names that are at most `overlap` or a power of two apart on a ring, whose last name meets the first."""
+    """Pairs of names that are at most `overlap` or a power of two apart on a ring, in which the first name follows the last."""
     count = len(names)
     powers = [1 << k for k in range(count.bit_length()) if 1 << k > overlap]
     steps = [step for step in (*range(1, overlap + 1), *powers) if 2 * step <= count]
-    # Half way round, every pair would come twice.
+    # At a step of half the ring, every pair would come twice.
     pairs = [(i, (i + step) % count) for step in steps for i in range(count if 2 * step < count else step)]
     return [(names[a], names[b]) for a, b in sorted((min(pair), max(pair)) for pair in pairs)]
 
@@ -30,11 +30,11 @@ def match(database: Path, photos: Photos, settings: SfmSettings, seed: int, thre
 
     Args:
         database: Features of all photos.
-        photos: Neighbours on the path of an ordered capture, or on the ring that others mostly are, are matched.
-        settings: How many neighbours.
+        photos: Photos that are neighbours on the path of an ordered capture are matched; an unordered capture counts as a ring.
+        settings: Gives the number of neighbours.
         seed: Random seed.
         threads: Threads to use; matches do not depend on them.
-        exhaustive: All pairs instead.
+        exhaustive: Match all pairs instead.
     """
     logger.info("match images, %s", "exhaustive" if exhaustive else f"{settings.overlap} neighbours and powers of two")
     matching = pycolmap.FeatureMatchingOptions()

@@ -1,7 +1,7 @@
-"""Numbers of the images in a COLMAP database, whichever thread was ready first.
+"""Numbers of the images in a COLMAP database, made independent of the order in which threads finish.
 
-Threads that find features write each image when it is done, and its number follows from that. Matching, mapping and the random
-choices in both go by the numbers.
+Threads that find features write each image when they are done with it, and its number follows from that order. Matching,
+mapping and the random choices in both depend on the numbers.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import pycolmap
 
 
 def number_images(database: Path, names: Sequence[str]) -> None:
-    """Write a database of features anew with its images numbered from 1 in the order of `names`, as one thread numbers them.
+    """Rewrite a database of features with its images numbered from 1 in the order of `names`, as one thread would number them.
 
     Args:
-        database: Cameras, images, one frame for each, keypoints and descriptors; no matches yet.
-        names: All its images.
+        database: Cameras, images, one frame for each image, keypoints and descriptors; no matches yet.
+        names: Names of all its images.
 
     Raises:
-        ValueError: The database lacks one of them.
+        ValueError: The database lacks one of the images.
     """
     fresh = database.with_suffix(".numbered")
     fresh.unlink(missing_ok=True)

@@ -16,13 +16,13 @@ class Photos:
     Args:
         folder: Folder of the images.
         names: Images to use, in the order of the capture.
-        ordered: Neighbours in `names` are neighbours on the camera's path.
-        camera: Calibrated camera, kept fixed; None to find it.
-        focal_prior_px: Focal length from EXIF data, px at this size.
-        size: Width and height, px.
-        other_sizes: Those of images that differ, by name: a camera of its own for each size.
-        other_lenses: Number and focal length from EXIF data, px, of the lens of images that differ, by name; None where it is
-            unknown. A camera of its own for each, unless all have the calibrated one.
+        ordered: Whether neighbours in `names` are neighbours on the camera's path.
+        camera: Calibrated camera, kept fixed; None to estimate it.
+        focal_prior_px: Focal length from EXIF data, px at size `size`; None if unknown.
+        size: Width and height of most images, px.
+        other_sizes: Width and height of images of another size, by name. Each size gets a camera of its own.
+        other_lenses: For images taken with another lens, by name: the lens's number, and its focal length from EXIF data, px
+            (None if unknown). Each lens gets a camera of its own, unless `camera` is given.
     """
 
     folder: Path
@@ -35,7 +35,7 @@ class Photos:
     other_lenses: Mapping[str, tuple[int, float | None]] = field(default_factory=dict)
 
     def by_camera(self) -> list[tuple[tuple[int, int], float | None, list[str]]]:
-        """Size, focal length from EXIF data and names, in order, of the images that share a camera."""
+        """Size, focal length from EXIF data (px) and names of the images that share a camera, for each camera in order."""
         out: dict[tuple[tuple[int, int], int], tuple[float | None, list[str]]] = {}
         for name in self.names:
             first = (0, self.focal_prior_px)

@@ -20,23 +20,25 @@ from gsbridge.sfm.tags import Tags, layout_error
 logger = logging.getLogger("gsbridge")
 
 MAX_WORSENING = 1.05
-"""Growth of the natural features' residual up to which the refined model is kept: a bent or misprinted board pulls more."""
+"""Largest factor by which the natural features' residual may grow if the refined model is to be kept; a bent or misprinted
+board raises it more."""
 
 TAG_COPIES = 8
-"""Weight of a tag's corner, in natural features: it is found several times more precisely than one of them."""
+"""Weight of a tag's corner, relative to a natural feature: a corner is found several times more precisely."""
 
 LAYOUT_SLACK = 2e-4
-"""Growth of the layout's residual that is no objection, as a share of the board's width (0.06 mm on A4)."""
+"""Growth of the layout's residual that is accepted, as a share of the board's width (0.06 mm on A4)."""
 
 FLAT_BOARD = 0.005
 """Layout residual above which the board is taken for bent or the model for wrong, as a share of the board's width (1.5 mm)."""
 
 MIN_IMAGES_INTRINSICS = 15
-"""Images of a camera from which its intrinsics are refined; fewer do not tell the principal point from a turn of the camera."""
+"""Least number of a camera's images from which its intrinsics are refined; with fewer, the principal point cannot be told from
+a rotation of the camera."""
 
 FLAT_HEIGHT = 0.006
 FLAT_SHARE = 0.03
-"""A scene of which less than this share of points stands more than this off the table, m, is flat."""
+"""A scene is flat if less than `FLAT_SHARE` of its points lie more than `FLAT_HEIGHT`, m, off the table."""
 
 
 def refine_with_tags(
@@ -44,9 +46,9 @@ def refine_with_tags(
 ) -> tuple[pycolmap.Reconstruction, dict[str, Any]]:
     """Adjust intrinsics, poses and points together with the tag corners, which stay at the printed layout.
 
-    A calibration from the board alone leaves the principal point uncertain by pixels, which shifts the cameras by millimetres;
-    natural features all over the image settle it, where they do not all lie on the table: a flat scene trades the principal
-    point for the cameras' tilt and height, so there the intrinsics stay as they are.
+    A calibration from the board alone leaves the principal point uncertain by pixels, which shifts the cameras by millimetres.
+    Natural features all over the image determine it, unless they all lie on the table: in a flat scene the principal point is
+    confounded with the cameras' tilt and height, so there the intrinsics stay as they are.
 
     Args:
         model: Model with distorted cameras; not changed.
@@ -55,8 +57,8 @@ def refine_with_tags(
         seed: Random seed of the scale's error.
 
     Returns:
-        The refined model, in metres and in the board's frame, and a record of what was done; the old model where the tags are
-        too few or do not fit.
+        The refined model, in metres and in the board's frame, and a record of what was done; the old model if the tags are too
+        few or do not fit.
     """
     corners = model_corners(model, raw_tags)
     before = layout_error(corners, board)
@@ -131,14 +133,14 @@ def _with_tag_points(
 
 
 def _adjust(model: pycolmap.Reconstruction, constant: list[int], *, free: bool) -> None:
-    """Robust bundle adjustment with some points held, in place; where `free`, intrinsics of cameras with many images move."""
+    """Robust bundle adjustment in place, with some points fixed; if `free`, intrinsics of cameras with many images move."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
     options.refine_focal_length = free
     options.refine_principal_point = free
     options.refine_extra_params = free
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    # With more, Ceres adds up in the order in which they end.
+    # With several threads, Ceres sums in the order in which they end, and results differ from run to run.
     options.ceres.solver_options.num_threads = 1
     options.ceres.solver_options.max_num_iterations = 50
     options.ceres.solver_options.function_tolerance = 1e-7

@@ -60,7 +60,7 @@ def reconstruct(
         threads: Threads to use.
 
     Raises:
-        InputError: The record is damaged, or the camera is of another size.
+        InputError: The record is damaged, or the camera's image size differs from the photos'.
         StageError: Too few images register.
     """
     record = read_json(keyframes_json)
@@ -100,7 +100,7 @@ def reconstruct(
 
 
 def _doubts(refinement: dict[str, Any], camera: Camera | None) -> list[str]:
-    """Why a model with a board is less sure than it looks."""
+    """Reasons to doubt a model that has a board."""
     reasons = []
     if not refinement["used"] and "layout_before" in refinement:
         reasons.append(f"the board does not fit the reconstruction: {refinement['why']}")
@@ -115,7 +115,7 @@ def _doubts(refinement: dict[str, Any], camera: Camera | None) -> list[str]:
 def _read_input(
     record: dict[str, Any], source: Path, frames: Path, camera: Camera | None
 ) -> tuple[Photos, dict[str, tuple[Camera, Array]]]:
-    """Photos to reconstruct and what is known of them."""
+    """Photos to reconstruct, and the cameras and poses that came with them, by name."""
     try:
         names = [frame["name"] for frame in record["frames"]]
         size = (int(record["width"]), int(record["height"]))

@@ -13,7 +13,7 @@ from gsbridge.photogrammetry.board import MIN_TAGS, Board, find_tags
 from gsbridge.photogrammetry.tags import Tags, corner_points, triangulate
 
 MAX_LAYOUT_ERROR = 0.02
-"""Largest layout residual of a trusted model, as a share of the board's width: a wrong model is off by its own size."""
+"""Largest layout residual of a trusted model, as a share of the board's width; a wrong model is off by about that width."""
 
 
 def find_all(frames: Path, names: list[str], board: Board) -> Tags:
@@ -31,14 +31,14 @@ def find_all(frames: Path, names: list[str], board: Board) -> Tags:
 
 
 def layout_error(corners: dict[int, Array], board: Board) -> float | None:
-    """How badly triangulated corners fit the printed layout.
+    """Residual of triangulated corners against the printed layout.
 
     Args:
         corners: Corners by tag, world frame. [4, 3] each.
         board: Layout.
 
     Returns:
-        Residual after the best similarity (root mean square) as a share of the sheet's width; None below three tags.
+        Root mean square residual after the best similarity, as a share of the sheet's width; None with fewer than three tags.
     """
     layout = board.corners()
     ids = [tag for tag in corners if tag in layout]

@@ -15,12 +15,12 @@ from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix
 
 
 def undistort_pixels(pixels: Array, camera: Camera) -> Array:
-    """Pixels of the pinhole `camera.undistorted()` for pixels of `camera`. [N, 2] -> [N, 2]."""
+    """Convert pixels of `camera` to pixels of the pinhole `camera.undistorted()`. [N, 2] -> [N, 2]."""
     points = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
     if camera.is_pinhole or not len(points):
         return points.copy()
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-9)
-    # K with centres at +0.5 works for pixels with centres at +0.5: OpenCV only solves u = K x here.
+    # OpenCV only solves u = K x here, so K and pixels may both have their centres at +0.5.
     distortion = np.array(camera.distortion)
     out = cv2.undistortPoints(points[:, None], camera.intrinsics, distortion, R=None, P=camera.intrinsics, criteria=criteria)
     return out.reshape(-1, 2)
@@ -29,7 +29,7 @@ def undistort_pixels(pixels: Array, camera: Camera) -> Array:
 def pinhole_of(camera: Camera) -> Camera:
     """Pinhole with the focal length of `camera`, cropped to the part that the photo fills.
 
-    The crop is the largest rectangle, grown from the photo's own outline inwards, whose border lies inside the photo.
+    The crop starts from the photo's own outline; each edge moves inwards until it lies inside the undistorted photo.
     """
     if camera.is_pinhole:
         return camera
@@ -54,7 +54,7 @@ def undistort_image(image: Array, camera: Camera, pinhole: Camera, *, interpolat
         image: Photo or mask in the pixels of `camera`. [H, W, ...].
         camera: Camera of the photo, with distortion.
         pinhole: Camera of the result; same pose.
-        interpolation: OpenCV's; `INTER_NEAREST` or `INTER_LINEAR` for masks.
+        interpolation: OpenCV's constant; `INTER_NEAREST` or `INTER_LINEAR` for masks.
     """
     if camera == pinhole:
         return image
