@@ -35,7 +35,7 @@ class BoardFit:
 
 @dataclass(frozen=True)
 class _Sightings:
-    """All corner observations in flat arrays. `tag` counts along `ids`."""
+    """All corner observations in flat arrays; `tag` holds indices into `ids`."""
 
     ids: list[int]
     tag: Array
@@ -52,9 +52,9 @@ def fit_board(
 ) -> BoardFit | None:
     """Fit the printed layout to the tag corners seen in posed photos.
 
-    Corners are triangulated one by one for a start and for the residual; the similarity then minimises the reprojection error
-    of the whole layout, so that each sighting counts with its own geometry. The standard error comes from resampling whole
-    tags, because errors of one tag (a blurred edge, a bent corner) go together.
+    Corners are first triangulated one by one, for a starting value and for the residual. The similarity then minimises the
+    reprojection error of the whole layout, so that each sighting counts with its own geometry. The standard error comes from
+    resampling whole tags, because the errors within one tag (a blurred edge, a bent corner) are correlated.
 
     Args:
         tags: Corners, px [4, 2], by image name and tag.
@@ -108,7 +108,7 @@ def _gather(tags: Tags, poses: Mapping[str, tuple[Camera, Array]]) -> _Sightings
 
 
 def _robust_similarity(source: Array, target: Array) -> Similarity:
-    """Similarity that leaves out tags far from the fit (a misread or a bent corner). [T, 4, 3] each."""
+    """Similarity fitted without tags that lie far from the fit (a misread tag or a bent corner). [T, 4, 3] each."""
     keep = np.ones(len(source), dtype=bool)
     while True:
         fit = align_similarity(source[keep].reshape(-1, 3), target[keep].reshape(-1, 3))
@@ -121,7 +121,7 @@ def _robust_similarity(source: Array, target: Array) -> Similarity:
 
 
 def _fit_reprojection(seen: _Sightings, layout: Mapping[int, Array], start: Similarity) -> Similarity:
-    """Similarity `board_from_sfm` of least reprojection error of the layout, outliers damped."""
+    """Similarity `board_from_sfm` with the least reprojection error of the layout under a robust loss."""
     corners = np.array([layout[tag] for tag in seen.ids])[seen.tag, seen.corner]
     inverse = start.inverse()
     centre = corners.mean(0)
@@ -133,7 +133,7 @@ def _fit_reprojection(seen: _Sightings, layout: Mapping[int, Array], start: Simi
         turn = np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
         scale = inverse.scale * float(np.exp(x[6]))
         rotation = turn @ inverse.rotation
-        # The turn is about the board's centre, which decouples it from the shift.
+        # The rotation is about the board's centre, which decouples it from the shift.
         translation = inverse.apply(centre) + inverse.scale * x[3:6] - scale * rotation @ centre
         return rotation, translation, scale
 

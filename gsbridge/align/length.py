@@ -61,10 +61,10 @@ def scale_from_length(
     side: float,
     others: Mapping[str, Camera] = MappingProxyType({}),
 ) -> float:
-    """Metres per unit.
+    """Scale of the reconstruction from a known length, m per sfm unit.
 
     Args:
-        length: What the user knows.
+        length: The known length.
         table_from_sfm: Table frame before scaling (scale 1).
         views: Pinhole and `cam_from_sfm` [4, 4] by image name.
         distorted: Camera of the keyframes as taken, in whose pixels the points are given.
@@ -101,7 +101,7 @@ def reading_error(
     distorted: Camera,
     others: Mapping[str, Camera] = MappingProxyType({}),
 ) -> float:
-    """Standard error of the scale between two points, relative, if each of their pixels was read to one pixel.
+    """Relative standard error of the scale from two points if each pixel coordinate has a standard error of one pixel.
 
     Args:
         length: Two points on the table.
@@ -117,7 +117,7 @@ def reading_error(
     found = scale_from_length(length, table_from_sfm, views, distorted, 1.0, others)
     square = 0.0
     for moved in ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)):
-        # Half a pixel either way, inwards where the border is near.
+        # Each coordinate moves by half a pixel either way; both values are shifted inwards if the border is near.
         scales = []
         for side in (-0.5, 0.5):
             values = [value + side * step for value, step in zip((ua, va, ub, vb), moved, strict=True)]

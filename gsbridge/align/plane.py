@@ -9,13 +9,13 @@ import numpy as np
 from gsbridge.geometry import Array, fit_plane
 
 BELOW = 4.0
-"""How much a point below a plane counts against it, as a multiple of a point on it."""
+"""Weight of a point below a plane, which counts against it, relative to a point on the plane."""
 
 SIDES = {"top": (0.0, -1.0, 0.0), "right": (1.0, 0.0, 0.0), "bottom": (0.0, 1.0, 0.0), "left": (-1.0, 0.0, 0.0)}
 """Direction of each side of a photo in its camera's axes."""
 
 AGAINST_UP = 0.5
-"""Weight of a plane that the images' up direction points into or along, beside one that it rises from."""
+"""Factor on the score of a plane if the images' up direction points into it or along it instead of away from it."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class Attention:
 
     Args:
         point: Point nearest to all optical axes. [3].
-        distance: Median distance of the cameras from it: the scene's own unit of length.
-        up: Mean upward direction of the images; shorter than 1 the less they agree on it. [3].
+        distance: Median distance of the cameras from `point`, used as the scene's unit of length.
+        up: Mean upward direction of the images; the less they agree, the shorter it is. [3].
         centres: Camera centres. [N, 3].
-        named: The user has said which side of the photos is up, so that a plane against it is refused.
+        named: Whether the user has said which side of the photos is up; a plane that contradicts this is refused.
     """
 
     point: Array
@@ -39,7 +39,7 @@ class Attention:
 
 @dataclass(frozen=True)
 class Plane:
-    """Table plane `normal . x = offset`, the cameras on the positive side.
+    """Table plane `normal . x = offset`, with the cameras on its positive side.
 
     Args:
         normal: Unit normal. [3].
@@ -61,18 +61,18 @@ class Plane:
 
 
 def attention(cam_from_world: Array, up: str | None = None) -> Attention:
-    """Point that a set of cameras looks at, with its distance and the direction that is up.
+    """Point that a set of cameras looks at, with its distance and the upward direction.
 
     Args:
         cam_from_world: Poses. [N, 4, 4].
-        up: Side of the photos that is up in the scene, one of `SIDES`; None takes their top for a hint only.
+        up: Side of the photos that is up in the scene, one of `SIDES`; None takes their top, as a hint only.
     """
     poses = np.asarray(cam_from_world, dtype=np.float64)
     rotations = poses[:, :3, :3]
     centres = -np.einsum("nji,nj->ni", rotations, poses[:, :3, 3])
     axes = rotations[:, 2]
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    # Nearly parallel axes have no common point; the small term then keeps it close to the cameras' mean look.
+    # Nearly parallel axes determine no common point; the small term then keeps the point close to the cameras' mean centre.
     lhs = across.sum(0) + 1e-6 * len(poses) * np.eye(3)
     point = np.linalg.solve(lhs, np.einsum("nij,nj->i", across, centres) + 1e-6 * len(poses) * centres.mean(0))
     side = np.array(SIDES[up or "top"])
@@ -83,10 +83,10 @@ def attention(cam_from_world: Array, up: str | None = None) -> Attention:
 def find_table(points: Array, looks: Attention, *, threshold: float, seed: int, trials: int = 2000) -> Plane | None:
     """Find the supporting plane by RANSAC.
 
-    A plane scores by its points near the place the cameras look at, so that a wall or the floor behind loses; all cameras must
-    be on one side and hardly any point below it near that place. The images' up direction decides between planes of like
-    support only: photos may be stored turned, or be taken from straight above. Where the user has named it, it must not point
-    into the plane.
+    A plane scores by its points near the place the cameras look at, so that a wall or the floor behind loses. All cameras must
+    be on one side of it, and hardly any point near that place may lie below it. The images' up direction only decides between
+    planes with similar support, because photos may be stored rotated or be taken from straight above. If the user has named the
+    upward side, that direction must not point into the plane.
 
     Args:
         points: Sparse points, arbitrary scale. [N, 3].
@@ -128,7 +128,7 @@ def find_table(points: Array, looks: Attention, *, threshold: float, seed: int, 
 
 
 def why_no_table(points: Array, looks: Attention, *, threshold: float, seed: int) -> str:
-    """Why `find_table` finds nothing: what speaks against the plane with the most points, in one clause.
+    """Explain in one clause why `find_table` finds nothing: what disqualifies the plane with the most points.
 
     Args:
         points: Sparse points, arbitrary scale. [N, 3].
@@ -168,7 +168,7 @@ def why_no_table(points: Array, looks: Attention, *, threshold: float, seed: int
 def _score(
     points: Array, weights: Array, normal: Array, offset: float, looks: Attention, limit: float
 ) -> tuple[float, Array, float]:
-    """Score of a plane and the plane itself, turned towards the cameras."""
+    """Score of a plane, and its normal and offset with the normal turned towards the cameras."""
     sides = looks.centres @ normal - offset
     if np.median(sides) < 0:
         normal, offset, sides = -normal, -offset, -sides
@@ -178,18 +178,18 @@ def _score(
     heights = points @ normal - offset
     support = float(weights[np.abs(heights) < limit].sum())
     below = float(weights[heights < -3.0 * limit].sum())
-    # Points below a table are mirror images and mismatches; a plane through an object's top has all the table below it.
+    # Only reflections and mismatches lie below a table, so few points; a plane through an object's top has all the table below.
     score = support - BELOW * below
     return score * (AGAINST_UP if against and score > 0 else 1.0), normal, offset
 
 
 def _refit(points: Array, normal: Array, offset: float, limit: float, looks: Attention) -> Plane | None:
-    """Least-squares plane through the inliers, repeated until they settle."""
+    """Fit a least-squares plane to the inliers, and repeat until the inliers no longer change."""
     inliers = np.abs(points @ normal - offset) < limit
     for _ in range(20):
         if inliers.sum() < 10:
             return None
-        # A lasting outer limit and a robust inner one: the spread of a good table is far below the search threshold.
+        # The limit follows the inliers' own spread, far below the search threshold on a good table, and never exceeds that.
         heights = points[inliers] @ normal - offset
         spread = 1.4826 * float(np.median(np.abs(heights - np.median(heights))))
         fresh_limit = min(limit, max(3.0 * spread, 0.1 * limit))

@@ -25,25 +25,27 @@ from gsbridge.photogrammetry.standing import box_sides, find_standing
 logger = logging.getLogger("gsbridge")
 
 MAX_BOARD_HEIGHT_MM = 3.0
-"""Height of the board over the table's points above which the table's z = 0 is in doubt: it lies on something."""
+"""If the board lies higher than this above the table's points, it lies on something else, and the table's z = 0 is in doubt."""
 
 MAX_BOARD_RESIDUAL_MM = 1.5
-"""Mean distance of the tags' corners from their printed places above which the board is bent, misprinted or wrong."""
+"""Root mean square distance of the tags' corners from their printed places above which the board is bent, misprinted or
+wrong."""
 
 MAX_READING_ERROR = 0.01
-"""Share by which a pixel's error in the points of a known length may change the scale."""
+"""Largest relative change of the scale by an error of one pixel in the points of a known length."""
 
 MAX_UNIT_MISMATCH = 0.02
-"""Share by which the board may differ from the stated unit of the poses, or from a known length."""
+"""Largest relative difference of the board's scale from the stated unit of the poses, or from a known length."""
 
 MIN_OBJECT_POINTS = 20
-"""Points above the table from which the object's longest side can be measured."""
+"""Least number of points above the table from which the object's longest side is measured."""
 
 UNKNOWN_EXTENT = 0.1
-"""Longest side of the object where nothing tells the scale, m: a guess of the right order, said so in the record."""
+"""Longest side that the object is given if nothing tells the scale, m: a guess of the right order, marked so in the record."""
 
 _STRAGGLERS = 1.0
-"""Percentage of points beyond each side of the object's box that are ignored: the same photos, turned, give others."""
+"""Percentage of points beyond each side of the object's box that are ignored: the outermost points change even if the same
+photos are only rotated."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +88,12 @@ def align_scene(
         out_views: Cameras in the table frame, `views.json`.
         out_points: Sparse points in the table frame, `points.npz`.
         settings: Limits.
-        board: Layout of the board, None where none was laid out.
-        known_length: A length the user knows, see `KnownLength`; used where the board gives no scale.
-        measured: Record of the longest side of the object's mesh, sfm units; None takes that of its sparse points.
+        board: Layout of the board; None if none was laid out.
+        known_length: A length the user knows, see `KnownLength`; used if the board gives no scale.
+        measured: Record of the longest side of the object's mesh, sfm units; None takes the longest side of its sparse points.
         seed: Random seed.
         up: Side of the photos that is up, see `attention`.
-        metres_per_unit: Unit of the poses that came with the photos, m; used where the board gives no scale.
+        metres_per_unit: Unit of the poses that came with the photos, m; used if the board gives no scale.
 
     Raises:
         InputError: A file or the known length is damaged.
@@ -175,7 +177,7 @@ def _from_board(
 ) -> tuple[Similarity, str, dict[str, Any]]:
     """Table frame of the board; the points' plane is compared with it."""
     scale = fit.board_from_sfm.scale
-    # A model adjusted to the tags fits them better than it knows its scale; the error is that of the model before.
+    # A model adjusted to the tags fits them more closely than its scale is known, so the larger error, from before, counts.
     stated = [fit.scale_se / scale, record.get("tag_refinement", {}).get("scale_se")]
     relative = max((value for value in stated if value is not None and np.isfinite(value)), default=float("nan"))
     numbers: dict[str, Any] = {
@@ -222,7 +224,7 @@ def _from_plane(
     reasons: list[str],
     measured: str | Path | None,
 ) -> tuple[Similarity, str, dict[str, Any]]:
-    """Table frame without a board: below the object, x towards the first camera's right, scale from a length or unknown."""
+    """Table frame without a board: origin below the object, x to the first camera's right, scale from a length or unknown."""
     above = object_points(sparse.points, plane, looks)
     centre = np.median(sparse.points[above], axis=0) if len(above) >= 5 else looks.point
     foot = centre - plane.heights(centre) * plane.normal
@@ -283,7 +285,7 @@ def _from_plane(
 def _scale_by_length(
     length: KnownLength, unscaled: Similarity, sparse: _Model, record: Mapping[str, Any], side: float
 ) -> tuple[float, float | None]:
-    """Metres per unit by a known length, and the standard error of that by a pixel's error, relative; None for a whole side."""
+    """Metres per sfm unit by a known length, and its relative standard error (see `reading_error`; None for a whole side)."""
     cameras = dict(zip(sparse.names, zip(sparse.cameras, sparse.poses, strict=True), strict=True))
     others = {name: Camera.from_json(item) for name, item in record.get("other_cameras", {}).items()}
     taken = Camera.from_json(record["camera"])
@@ -292,7 +294,7 @@ def _scale_by_length(
 
 
 def object_points(points: Array, plane: Plane, looks: Attention) -> Array:
-    """Indices of the points of what stands on the table where the cameras look. [N, 3] -> [K].
+    """Indices of the points of the object that stands on the table where the cameras look. [N, 3] -> [K].
 
     Args:
         points: Sparse points. [N, 3].
@@ -312,7 +314,7 @@ def _read(folder: Path) -> _Model:
     ids = sorted(model.points3D)
     view_index, point_index = [], []
     for number, point_id in enumerate(ids):
-        # An image may see a point twice; it counts once.
+        # An image may observe a point twice; it counts once.
         seen = sorted({place[element.image_id] for element in model.points3D[point_id].track.elements})
         view_index += seen
         point_index += [number] * len(seen)
