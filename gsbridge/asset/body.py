@@ -1,4 +1,4 @@
-"""The body of an object: its frame, and its mass properties from the volume it fills."""
+"""The body of an object: its frame, and its mass properties from its volume."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gsbridge.meshes import Mesh
 
 @dataclass(frozen=True)
 class MassProperties:
-    """A rigid body of even density.
+    """Mass properties of a rigid body of uniform density.
 
     Args:
         volume: Volume, m3.
@@ -29,7 +29,7 @@ class MassProperties:
 
 
 def mass_properties(mesh: Mesh, density: float) -> MassProperties:
-    """Exact mass, centre of mass and inertia of a closed mesh filled evenly.
+    """Exact mass, centre of mass and inertia of a closed mesh of uniform density.
 
     Args:
         mesh: Watertight, faces counter-clockwise seen from outside, m.
@@ -43,7 +43,7 @@ def mass_properties(mesh: Mesh, density: float) -> MassProperties:
     """
     if not mesh.is_watertight():
         raise ValueError("mass properties need a watertight mesh")
-    # From the middle of the mesh the tetrahedra are smallest, and little is lost to cancellation.
+    # With the middle of the mesh as the fixed point the tetrahedra are small, and little precision is lost to cancellation.
     origin = 0.5 * (mesh.vertices.min(0) + mesh.vertices.max(0))
     a, b, c = np.moveaxis(mesh.corners() - origin, 1, 0)
     determinant = np.einsum("ij,ij->i", a, np.cross(b, c))
@@ -74,12 +74,12 @@ def body_from_table(mesh: Mesh) -> Array:
 
 
 def narrowest_width(vertices: Array) -> float:
-    """Smallest distance between two upright parallel planes that hold all points: what a gripper from above must open, m.
+    """Smallest distance, m, between two upright parallel planes that enclose all points: the opening that a gripper needs.
 
     Args:
         vertices: Vertices of the object, m. [N, 3].
 
-    Source: a smallest strip has an edge of the convex polygon on one side (Houle and Toussaint, 1988).
+    Source: the narrowest strip has an edge of the convex polygon on one side (Houle and Toussaint, 1988).
     """
     polygon = vertices[ConvexHull(vertices[:, :2]).vertices, :2]
     edges = np.roll(polygon, -1, axis=0) - polygon

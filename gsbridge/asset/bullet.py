@@ -1,4 +1,4 @@
-"""Bodies of assets in PyBullet: loading, their pose, and a check that they stand still where they stood when filmed."""
+"""Bodies of assets in PyBullet: loading, poses, and a check that a body stays at rest in its filmed pose."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array, quat_from_rotation, rotation_angle, rotation_from_quat
 
 COLLISION_MARGIN = 1e-3
-"""What Bullet's URDF reader adds all round to convex and concave meshes, m; no call changes it for the parts of a compound."""
+"""Margin that Bullet's URDF reader adds all round convex and concave meshes, m; no call changes it for parts of a compound."""
 
 TIME_STEP = 1e-3
 """Step of the simulation, s."""
 
 
 def matrix_from_bullet(position: Array, quat_xyzw: Array) -> Array:
-    """4x4 pose of Bullet's position [3] and quaternion (xyzw) [4]."""
+    """4x4 pose from Bullet's position [3] and quaternion (xyzw) [4]."""
     out = np.eye(4)
     out[:3, :3] = rotation_from_quat(np.roll(quat_xyzw, 1))
     out[:3, 3] = position
@@ -37,9 +37,9 @@ def load_body(
         client: Connected PyBullet client.
         urdf: `body.urdf` of an asset.
         world_from_body: Pose of the body frame; the world's origin when None. [4, 4].
-        static: Fix it there.
-        single: Not as the base of a tree of links, but as a body for itself, which is faster. `getDynamicsInfo` then tells
-            no frame of inertia.
+        static: Fix the body at that pose.
+        single: Load a single body instead of the base of a tree of links, which is faster. `getDynamicsInfo` then does not
+            give the frame of inertia.
 
     Returns:
         Bullet's number of the body.
@@ -55,7 +55,7 @@ def load_body(
             baseOrientation=np.roll(quat_from_rotation(pose[:3, :3]), -1).tolist(),
             useFixedBase=static,
             useMaximalCoordinates=single,
-            # Without the flag Bullet would make an inertia up from the bounds of the hulls.
+            # Without the flag Bullet would derive an inertia from the bounds of the hulls.
             flags=client.URDF_USE_INERTIA_FROM_FILE,
         )
     except pybullet.error as error:
@@ -78,10 +78,10 @@ class Rest:
     """How a body rests on a flat table.
 
     Args:
-        penetration_mm: Deepest contact, at the start before the engine pushes or at the end.
-        drift_mm: Farthest that the body frame moved from its first place, over the whole time.
-        drift_deg: Largest turn from its first attitude.
-        speed_mm_s: Speed at the end.
+        penetration_mm: Deepest penetration, either at the start before the engine pushes the body out, or at the end, mm.
+        drift_mm: Largest distance of the body frame from its first place, over the whole time, mm.
+        drift_deg: Largest rotation from its first attitude, degrees.
+        speed_mm_s: Speed at the end, mm/s.
         seconds: Time simulated, s.
     """
 
@@ -97,7 +97,7 @@ class Rest:
 
 
 def rest_check(urdf: str | Path, seconds: float = 2.0) -> Rest:
-    """Set a body on a table as it was filmed and let go.
+    """Put a body on a table in its filmed pose, let it go and measure how it rests.
 
     Args:
         urdf: `body.urdf` of an asset.

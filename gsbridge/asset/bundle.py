@@ -28,13 +28,13 @@ class Asset:
         hulls: Convex meshes of the true size, body frame, for engines without a margin (objects only).
         visual: Mesh with vertex colours.
         splats: Splats in the body frame.
-        body_from_table: From the frame of the capture. [4, 4].
+        body_from_table: Transform from the table frame of the capture to the body frame. [4, 4].
         properties: Mass, centre of mass, inertia; None for a background.
         height: Highest point above the table, m.
         width: Narrowest horizontal width, m.
-        rim: Where the wall of a vessel can be taken; None for what is none.
-        relief: What stands up from a background's table; None for a flat one and for objects.
-        relief_urdf: URDF of that part alone, static and concave, table frame.
+        rim: Where the wall of a vessel can be grasped; None if there is no such place, or the object is no vessel.
+        relief: The raised part of a background's table; None for a flat background and for objects.
+        relief_urdf: URDF of the raised part alone, static and concave, table frame.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""Densities: what a body weighs per volume it fills."""
+"""Bulk densities of materials."""
 
 from __future__ import annotations
 
@@ -22,4 +22,5 @@ DENSITIES: Final[dict[Material, float]] = {
     "aluminium": 2700.0,
     "steel": 7850.0,
 }
-"""Bulk densities by material, kg/m3: handbook values for solids, typical ones for what holds air; weighing beats both."""
+"""Bulk densities by material, kg/m3: handbook values for solids, typical values for materials that hold air. Weighing the
+object is more accurate than either."""

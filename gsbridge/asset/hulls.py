@@ -19,8 +19,8 @@ def decompose(mesh: Mesh, *, concavity: float, most: int, seed: int) -> list[Arr
 
     Args:
         mesh: Watertight, m.
-        concavity: Dents up to this depth are filled, m.
-        most: Parts, at most; deeper dents are then filled too.
+        concavity: Dents up to this depth may be filled, m.
+        most: Largest number of parts; if they are too few, deeper dents are filled, too.
         seed: Random seed; equal seeds give equal parts.
 
     Returns:
@@ -45,14 +45,15 @@ def decompose(mesh: Mesh, *, concavity: float, most: int, seed: int) -> list[Arr
 
 
 _CELLS, _DEEPEST, _FINER = 48, 30, 4
-"""Places along the longest side of a body at which its hulls are compared with it, how many of the deepest are looked at again,
-and how often the distance between places is halved there."""
+"""Sampling of `filled_depth`: `_CELLS` places along the body's longest side are compared first; then the search is refined
+round the `_DEEPEST` deepest places, `_FINER` times at half the previous spacing."""
 
 
 def filled_depth(hulls: list[Array], solid: Mesh) -> float:
-    """How far hulls reach into what a body leaves free: the distance of their deepest inner place from its surface, m.
+    """How deep hulls fill the free space of a body: the largest distance from the body of a place that is in a hull only, m.
 
-    A dent that is filled counts with its depth, a slot with half of its width. 0 where the hulls hold nothing but the body.
+    A filled dent counts with its depth, a filled slot with half of its width. The result is 0 if the hulls fill nothing but the
+    body.
 
     Args:
         hulls: Vertices of each hull, body frame, m. [N, 3] each.
@@ -61,7 +62,7 @@ def filled_depth(hulls: list[Array], solid: Mesh) -> float:
     equations = [ConvexHull(hull).equations for hull in hulls]
 
     def depths(places: Array) -> tuple[Array, Array]:
-        """Those places that a hull holds, and how far each is from the body, negative inside. [N, 3], [N]."""
+        """The places that lie in a hull, and the distance of each from the body, negative inside it. [N, 3], [N]."""
         held = np.zeros(len(places), bool)
         for planes in equations:
             held[~held] = (places[~held] @ planes[:, :3].T + planes[:, 3] < 0).all(1)
@@ -81,10 +82,10 @@ def filled_depth(hulls: list[Array], solid: Mesh) -> float:
 
 
 def seat(parts: list[Array], depth: float) -> list[Array]:
-    """Give hulls a flat foot at z = 0: vertices lower than `depth` are joined by their foot points, and none lies below.
+    """Give hulls a flat foot at z = 0: add the foot point of every vertex lower than `depth`, and drop vertices below z = 0.
 
-    The object stood on the table when it was filmed, so its foot is flat as far as the camera can tell; the reconstruction's
-    roughness there would make the body rock.
+    The object stood on the table when it was filmed, so its foot is flat as far as the camera can tell. The roughness of the
+    reconstruction there would make the body rock.
 
     Args:
         parts: Vertices of each hull, body frame, m. [N, 3] each.
@@ -99,14 +100,14 @@ def seat(parts: list[Array], depth: float) -> list[Array]:
 
 
 def simplify(points: Array, tolerance: float, most: int) -> Array:
-    """A few of a hull's vertices whose own hull lies within `tolerance` of it, farthest first.
+    """Choose a few of a hull's vertices whose own hull comes within `tolerance` of it; the farthest are taken first.
 
-    Points on z = 0 are kept closely (a tenth of the tolerance), as the body stands on them.
+    Points on z = 0 must be met within a tenth of the tolerance, as the body stands on them.
 
     Args:
-        points: Points whose convex hull is meant, m. [N, 3].
+        points: Points whose convex hull is simplified, m. [N, 3].
         tolerance: Largest distance of a left-out point from the result, m.
-        most: Vertices, at most (the tolerance then gives way).
+        most: Largest number of vertices; it overrules the tolerance.
 
     Returns:
         Vertices. [M, 3].
@@ -119,11 +120,11 @@ def simplify(points: Array, tolerance: float, most: int) -> Array:
         rank = np.linalg.matrix_rank(points[chosen] - points[chosen[0]], tol=1e-9)
         if rank == 3:
             break
-        # The first extremes can lie in one plane; take the point farthest out of it.
+        # The first extreme points may lie in one plane; then the point farthest from the plane is added.
         basis = np.linalg.svd(points[chosen] - points[chosen[0]])[2][rank:]
         chosen.append(int(np.linalg.norm((points - points[chosen[0]]) @ basis.T, axis=1).argmax()))
     while len(chosen) < min(most, len(points)):
-        # Built anew each time: qhull's incremental mode gives up on nearly flat additions.
+        # The hull is built anew each time, because qhull's incremental mode fails on nearly flat additions.
         hull = ConvexHull(points[chosen])
         outside = weights * (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(1)
         worst = int(outside.argmax())
@@ -134,17 +135,17 @@ def simplify(points: Array, tolerance: float, most: int) -> Array:
 
 
 def inset(points: Array, margin: float) -> tuple[Array, float]:
-    """A convex hull with all its faces moved inward, so that a rounding of `margin` all round fills the original again.
+    """Move all faces of a convex hull inward, so that growing it by `margin` all round gives the original again.
 
-    Bullet grows every convex mesh by its collision margin: bodies whose hulls are exact float that much above the table.
+    Bullet grows every convex mesh by its collision margin, so that bodies with exact hulls float that much above the table.
 
     Args:
         points: Vertices of the hull, m. [N, 3].
         margin: Distance, m.
 
     Returns:
-        Vertices of the smaller hull [M, 3], and by how much it was moved: less than `margin` in hulls thinner than four of it,
-        where only half of the thickness is taken.
+        Vertices of the smaller hull [M, 3], and the distance by which its faces were moved, m: less than `margin` in hulls
+        thinner than four margins, of whose thickness only half is taken.
     """
     equations = np.unique(np.round(ConvexHull(points).equations, 12), axis=0)
     normals, offsets = equations[:, :3], equations[:, 3]
@@ -157,7 +158,7 @@ def inset(points: Array, margin: float) -> tuple[Array, float]:
     moved = min(margin, 0.5 * radius)
     try:
         corners = HalfspaceIntersection(np.c_[normals, offsets + moved], middle).intersections
-    except QhullError:  # a hull as thin as rounding has no inside to speak of
+    except QhullError:  # a hull as thin as the rounding error has hardly any inside
         return points, 0.0
     return corners[ConvexHull(corners).vertices], float(moved)
 

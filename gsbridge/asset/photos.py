@@ -1,4 +1,4 @@
-"""Does the bundle look as the splats stage left it? Its splats against the photos at the registered cameras."""
+"""Check that a bundle looks as the splats stage left it: compare its splats with the photos at the registered cameras."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gsbridge.splats.exposure import from_record
 from gsbridge.splats.targets import background_targets, object_targets
 
 LOSS_DB = 0.05
-"""PSNR that rounding and the moves between frames may cost, dB."""
+"""Loss of PSNR that rounding and the changes of frame may cause, dB."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class AssetPhotos:
 def compare_with_photos(
     cloud: Cloud, body_from_table: Array, photos: AssetPhotos, *, kind: str, visual: str | Path
 ) -> dict[str, Any]:
-    """PSNR of the bundle's splats put back into the table frame, beside the splats stage's own.
+    """PSNR of the bundle's splats, moved back into the table frame, next to the PSNR that the splats stage recorded.
 
     Args:
         cloud: Splats, body frame.

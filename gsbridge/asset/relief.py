@@ -1,4 +1,4 @@
-"""What stands up from a background's table: a plate, on which objects are placed and against which they bump."""
+"""The raised part of a background's table, such as a plate on which objects are placed and which they bump against."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsbridge.libraries import import_open3d
 from gsbridge.meshes import Mesh
 
 RAISED = 0.003
-"""Smallest height over the table, m, that is taken for a raised part; lower ones may be unevenness of the reconstruction."""
+"""Smallest height over the table, m, of a raised part; lower ones may be unevenness of the reconstruction."""
 
 SMALLEST = 0.03
 """Smallest radius, m, of a raised part on which objects can be placed."""
@@ -29,7 +29,7 @@ takes longer than the control step that it simulates. This number changes the su
 
 _DISC = np.array([[r * np.cos(a), r * np.sin(a)] for r in (0.2, 0.6, 1.0) for a in np.arange(8) * np.pi / 4])
 _INNER = 0.5
-"""Share of the radius that is looked at for the height of the middle."""
+"""Share of the radius within which the height of the middle is measured."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Relief:
 
     Args:
         x, y: Middle of the plate, m.
-        radius: Radius of the disc with its area, m.
+        radius: Radius of a disc with the same area, m.
         height: Height of the surface in its middle over the table, m.
         highest: Height of its rim, m.
     """
@@ -73,14 +73,15 @@ def find_relief(mesh: Mesh) -> tuple[Relief, Mesh] | None:
     labels = connected_components(coo_matrix((np.ones(len(edges)), edges.T), shape=(count, count)), directed=False)[1]
     areas = np.bincount(labels[faces[:, 0]], weights=Mesh(mesh.vertices, faces).areas(), minlength=labels.max() + 1)
     own = np.unique(faces[labels[faces[:, 0]] == np.argmax(areas)])
-    # From areas, since single vertices of the outline may lie far off. Heights are left out: a steep rim would weigh more.
+    # Middle and radius come from areas, since single vertices of the outline may lie far off. The surface is flattened first,
+    # because a steep rim would weigh more otherwise.
     flat = Mesh(mesh.vertices * (1.0, 1.0, 0.0), faces[labels[faces[:, 0]] == labels[own[0]]])
     weights = flat.areas()
     middle = np.average(flat.corners()[..., :2].mean(1), axis=0, weights=weights)
     radius = float(np.sqrt(weights.sum() / np.pi))
     if radius < SMALLEST:
         return None
-    # A ring of triangles more: the foot that runs out on the table.
+    # Add the neighbouring triangles: the foot of the raised part, where it meets the table.
     member = np.zeros(count, bool)
     member[own] = True
     for _ in range(2):
@@ -94,11 +95,11 @@ def find_relief(mesh: Mesh) -> tuple[Relief, Mesh] | None:
 
 
 def simplified(surface: Mesh, faces: int = COLLISION_FACES) -> Mesh:
-    """Reduce a surface to few triangles, for collisions; one that has few already stays as it is.
+    """Reduce a surface to few triangles, for collisions; a surface that has few already stays as it is.
 
     Args:
         surface: Part of a mesh, m.
-        faces: Triangles at most.
+        faces: Largest number of triangles.
     """
     if len(surface.faces) <= faces:
         return surface

@@ -1,4 +1,4 @@
-"""Where a vessel can be taken by its wall, one finger inside and one outside."""
+"""Places at which a vessel can be grasped by its wall, with one finger inside and one outside."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.cavity import CELL_M, heights_from_above, water_depth
 
 _CAVITY = 0.020
-"""Vessels less deep than this are taken like solid things, m."""
+"""Vessels less deep than this are grasped like solid objects, m."""
 _DEPTHS = (0.030, 0.025, 0.020, 0.016, 0.012)
-"""How far fingers may reach below the rim, m: the farther, the less the vessel turns in the grip."""
+"""Depths below the rim that fingertips try to reach, m; the deeper they reach, the less the vessel turns in the grip."""
 _BOTTOM = 0.006
 """Room left below a fingertip, m."""
 _THICK = 0.020
-"""A wall is thinner than this, m."""
+"""Largest thickness of a wall, m."""
 _FINGER = (0.010, 0.048)
-"""Where a finger may be before it closes, from the wall's face, m: half the opening, and the finger's own thickness."""
+"""Distances from the wall's face between which an open finger may be, m: half the opening, and the finger's thickness."""
 _PAD = 0.0135
 """Half the width of a pad, m."""
 _BESIDE = 0.004
 """Room to each side of a finger, m."""
 _ALIKE = 0.004
-"""By how much thickness and height of the rim may differ among the places of one grip, m."""
+"""Largest difference in thickness and in height of the rim among the places of one grip, m."""
 _DIRECTIONS = 72
-"""Places round the rim that are tried."""
+"""Number of directions round the rim that are tried."""
 _SKEW = np.deg2rad([0.0, -10.0, 10.0, -20.0, 20.0, -30.0, 30.0])
-"""How far the fingers may be turned from the line to the cavity's middle, as a wall need not be round."""
+"""Angles by which the fingers may be turned from the line to the cavity's middle, rad, as a wall need not be round."""
 
 
 @dataclass(frozen=True)
 class Rim:
-    """Places at which two fingers from above can take a vessel's wall; body frame, m.
+    """Places at which two fingers from above can grasp a vessel's wall; body frame, m.
 
     Args:
-        places: Middle of the wall (x, y) and direction across it, from inside to outside (rad); the best first.
-        thickness: Distance of parallel pads that close on the wall, at the thickest of these places.
-        height: Height of the rim at the best.
+        places: Middle of the wall (x, y) and direction across it, from inside to outside (rad); the best place first.
+        thickness: Distance between parallel pads that close on the wall, at the thickest of these places.
+        height: Height of the rim at the best place.
         depth: How far below the rim fingertips may go.
     """
 
@@ -53,7 +53,7 @@ class Rim:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any] | None) -> Rim | None:
-        """The rim of a record; None where there is none.
+        """The rim of a record; None if the record has none.
 
         Raises:
             KeyError, TypeError, ValueError: The record is damaged.
@@ -68,13 +68,13 @@ class Rim:
 
 @dataclass(frozen=True)
 class _Heights:
-    """Heights from above on a grid. [nx, ny], the first sample at `low`."""
+    """Heights as seen from above, on a grid [nx, ny] whose first sample is at `low`."""
 
     values: Array
     low: Array
 
     def along(self, start: Array, angle: float, away: Array, half: float) -> Array:
-        """Largest height within a strip, at distances `away` from a point in a direction. [D] -> [D], m."""
+        """Largest height across a strip of half width `half` at distances `away` from `start` along `angle`. [D] -> [D], m."""
         ahead = np.array([np.cos(angle), np.sin(angle)])
         beside = np.array([-ahead[1], ahead[0]])
         across = np.arange(-half, half + 0.5 * CELL_M, CELL_M)
@@ -84,10 +84,10 @@ class _Heights:
 
 
 def find_rim(mesh: Mesh) -> Rim | None:
-    """Where a vessel can be taken by its wall; None for what is no vessel, or has no room for a finger.
+    """Find where a vessel can be grasped by its wall; None if the object is no vessel or leaves no room for a finger.
 
-    Places are those where fingers reach farthest down, one every 10 degrees; the best is in the middle of the longest
-    stretch of them: far from a handle.
+    Places are those where fingers reach farthest down, one every 10 degrees. The best is in the middle of the longest stretch
+    of such places, far from a handle.
 
     Args:
         mesh: Closed surface, body frame, standing on z = 0, m.
@@ -111,7 +111,7 @@ def find_rim(mesh: Mesh) -> Rim | None:
     if not good.any():
         return None
     first = _middle_of_longest_run(good)
-    # Every second one; at the ends of a stretch there is something in the way.
+    # Take every second direction, without the ends of a stretch, beside which something is in the way.
     firm = ndimage.binary_erosion(good, np.ones(3, bool)) if not good.all() else good
     chosen = [found[first], *(found[k] for k in range(first % 2, _DIRECTIONS, 2) if k != first and firm[k])]
     best = found[first]
@@ -123,7 +123,7 @@ def find_rim(mesh: Mesh) -> Rim | None:
 
 
 def _best_across(grid: _Heights, middle: Array, angle: float, level: float) -> Rim | None:
-    """How the wall in one direction can be taken: as deep as possible, then where it is thinnest."""
+    """Best grasp of the wall in one direction: the deepest possible, and among those the one where the wall is thinnest."""
     best: Rim | None = None
     away = np.arange(0.0, CELL_M * (sum(grid.values.shape) + 60), 0.5 * CELL_M)
     walls = grid.along(middle, angle, away, 0.0)
@@ -142,14 +142,14 @@ def _best_across(grid: _Heights, middle: Array, angle: float, level: float) -> R
 
 
 def _across(grid: _Heights, place: Array, angle: float, depth: float) -> Rim | None:
-    """The wall at a place, taken across in one direction with fingertips `depth` below its rim; None where that cannot be."""
+    """Grasp across the wall at a place, in one direction, with fingertips `depth` below its rim; None if that is impossible."""
     away = np.arange(-2 * _THICK, 2 * _THICK, 0.5 * CELL_M)
     wall = grid.along(place, angle, away, _PAD)
     near = np.abs(away) < _THICK
     height = float(wall[near].max())
     there = np.flatnonzero((wall > height - depth) & near)
     first, last = int(there[0]), int(there[-1])
-    # The wall goes on without a gap, and ends on both sides.
+    # Across its thickness the wall must have no gap, and it must end on both sides.
     if np.any(wall[first : last + 1] <= height - depth) or away[last] - away[first] > _THICK:
         return None
     if max(wall[first - 1], wall[last + 1]) > height - depth:

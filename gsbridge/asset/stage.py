@@ -38,12 +38,13 @@ SEATED = 1e-4
 """Hulls stand on z = 0 within this, m."""
 
 _ON_TABLE = 1e-3
-"""A surface that ends this close to the table stands on it, m: the foot's own tolerance."""
+"""A surface that ends this close to the table stands on it, m; this is the tolerance of the foot."""
 _LARGEST_BACKGROUND = 5.0
 _FILLED = 1.5
-"""Hulls may fill dents up to the concavity that was asked for; more than this of it means that they were too few."""
+"""Hulls may fill dents up to the concavity in the settings; a depth of more than this many times the concavity means that there
+were too few hulls."""
 _HULL_EXCESS_MM = 3.0
-"""The outlines' hull is larger than the surface in dents and under eaves; more than this on a whole side is worth a note."""
+"""The outlines' hull is larger than the surface in dents and under overhangs; more than this on a whole side is logged."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +101,11 @@ def build_asset(
         name: Name of the scene, for the URDF.
         kind: `object` or `background`.
         seed: Seed of the convex decomposition.
-        photos: Compare the bundle's looks with the photos; None leaves that out.
+        photos: Photos to compare the bundle with; None for no comparison.
 
     Raises:
         InputError: A file or setting cannot be used: mesh missing, not watertight, of the wrong scale, off the table; scale
-            unknown; splats elsewhere than the mesh; density unknown.
+            unknown; splats away from the mesh; density unknown.
     """
     settings = settings or AssetSettings()
     if kind not in KINDS:
@@ -125,7 +126,7 @@ def build_asset(
     write_ply(outputs.splats, cloud.transformed(moved))
     looks = None
     if photos is not None:
-        # What was written is what is checked.
+        # The written file is checked instead of the splats in memory.
         looks = compare_with_photos(read_ply(outputs.splats), pose, photos, kind=kind, visual=inputs.visual)
         if not looks["kept"]:
             reasons.append(f"the bundle's PSNR is {looks['psnr']} dB, that of the splats stage {looks['stage_psnr']} dB")
@@ -165,7 +166,7 @@ def _check_scale_known(align: str | Path) -> None:
 
 
 def _check_size(mesh: Mesh, path: str | Path, settings: AssetSettings, kind: str) -> None:
-    """Refuse bodies that no table holds."""
+    """Refuse bodies of implausible size."""
     longest = float(np.ptp(mesh.vertices, axis=0).max())
     largest = settings.largest if kind == "object" else _LARGEST_BACKGROUND
     if not settings.smallest <= longest <= largest:
@@ -190,7 +191,7 @@ def _check_place(cloud: Cloud, visual: Mesh, inputs: AssetInputs) -> None:
 
 
 def _solid(visual: Mesh, collision: Mesh, inputs: AssetInputs) -> tuple[str, Mesh, list[str]]:
-    """The mesh that is the body: the visual one where it is closed, else the hull of the outlines."""
+    """Choose the mesh that defines the body: the visual one if it is closed, else the hull of the outlines."""
     if visual.is_watertight() and visual.volume() > 0:
         excess = 1e3 * np.maximum(collision.vertices.max(0) - visual.vertices.max(0), 0)
         if excess.max() > _HULL_EXCESS_MM:
@@ -287,12 +288,12 @@ def _build_object(
 
 
 def _for_bullet(hulls: Sequence[Array], settings: AssetSettings) -> tuple[list[Array], list[float]]:
-    """Hulls with room for the margin, and how much room each got."""
+    """Shrink hulls to leave room for Bullet's margin; also return by how much each was shrunk, m."""
     out, moves = [], []
     for hull in hulls:
         smaller, moved = inset(hull, settings.margin) if settings.margin > 0 else (hull, 0.0)
         foot = float(smaller[:, 2].min())
-        # Few vertices again, but the whole foot: what `simplify` keeps closely is at z = 0.
+        # Reduce the vertices again without losing the foot: it is shifted to z = 0, where `simplify` keeps points most closely.
         down = np.array([0.0, 0.0, foot])
         out.append(
             simplify(
@@ -322,12 +323,12 @@ def _write_meshes(outputs: AssetOutputs, hulls: dict[str, list[Array]], visual: 
 
 
 def _write_relief(folder: Path, visual: Mesh, name: str) -> dict[str, float] | None:
-    """Body of what stands up from the table, after the visual mesh: the collision mesh is the whole table's, and too coarse."""
+    """Write a body of the table's raised part, from the visual mesh, as the whole table's collision mesh is too coarse."""
     found = find_relief(visual)
     if found is None:
         return None
     relief, surface = found
-    # Bullet gives a concave mesh no margin against the hulls, which have been made smaller by theirs.
+    # No room is left for a margin here: Bullet gives a concave mesh none against hulls, and the hulls were shrunk by their own.
     write_obj(folder / "relief.obj", simplified(surface))
     write_body_urdf(folder / RELIEF_URDF, f"{name}_relief", None, visual="relief.obj", collisions=["relief.obj"])
     return asdict(relief)

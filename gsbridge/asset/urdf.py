@@ -57,7 +57,7 @@ def write_body_urdf(
     lines = [
         '<?xml version="1.0"?>',
         f"<robot name={quoteattr(name)}>",
-        # Bullet makes a triangle mesh of an OBJ only where the link says so too.
+        # Bullet makes a triangle mesh of an OBJ only if the link is marked as concave, too.
         f'  <link name="body"{" concave=" + quoteattr("yes") if static else ""}>',
         "    <inertial>",
         f'      <origin xyz={_numbers(centre)} rpy="0 0 0"/>',
