@@ -1,4 +1,4 @@
-"""Choice of keyframes: equal arcs of image motion, the sharpest frame of each."""
+"""Choice of keyframes: the sharpest frame of each of many arcs of equal image motion."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ ADVISED_KEYFRAMES = 40
 
 _AROUND, _BLURRED = 3, 0.6
 """Number of arcs on each side with which an arc is compared, and the share of their sharpness below which it counts as blurred.
-A blur of a few pixels takes away at least half of a picture's sharpness; what comes into view within a few arcs, less."""
+A blur of a few pixels takes away at least half of a picture's sharpness; a change of view by a few arcs takes away less."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class _Chosen:
     motion_px: float | None
     known: KnownView | None = None
     size: tuple[int, int] | None = None
-    """Width and height where it may differ from the other keyframes', px."""
+    """Width and height, px, if they may differ from the other keyframes'."""
     lens: Lens | None = None
-    """Lens by EXIF data, where there may be several."""
+    """Lens by EXIF data, if the capture may have several."""
 
 
 def select_keyframes(source: Source, out_frames: Path, out_json: Path, settings: KeyframeSettings) -> None:
@@ -105,7 +105,7 @@ def choose(motions: list[FrameMotion], settings: KeyframeSettings, width: int) -
     path = np.array([motion.path_px for motion in motions])
     total = float(path[-1])
     arcs = int(np.clip(total / max(settings.min_step * width, 1e-9), 1, settings.count))
-    # The last frame lies on the far edge of the last arc, not in one of its own.
+    # The last frame lies on the far edge of the last arc and belongs to it.
     arc = np.minimum((path / max(total, 1e-9) * arcs).astype(int), arcs - 1)
     best: list[int | None] = []
     for number in range(arcs):
@@ -115,7 +115,7 @@ def choose(motions: list[FrameMotion], settings: KeyframeSettings, width: int) -
 
 
 def _without_blurred(best: list[int | None], motions: list[FrameMotion]) -> list[int]:
-    """Leave arcs out whose sharpest frame is blurred beside those of the arcs around it, but never two in a row.
+    """Leave out arcs whose sharpest frame is blurred compared with those of the arcs around it, but never two in a row.
 
     Args:
         best: Sharpest frame of each arc; None for an arc without any that is sharp enough.
@@ -168,7 +168,7 @@ def _from_frames(
 
 
 def _refuse_unfit_video(path: Path, motions: list[FrameMotion], settings: KeyframeSettings, width: int) -> None:
-    """Name the fault of a video that is too short, black, static or blurred."""
+    """Raise an error that names the fault of a video that is too short, black, static or blurred."""
     if len(motions) < MIN_KEYFRAMES:
         pictures = "one picture" if len(motions) == 1 else f"{len(motions)} pictures"
         raise InputError(path, f"the video has {pictures}; at least {MIN_KEYFRAMES} are needed", "Film all round the object")
@@ -202,12 +202,12 @@ def _from_photos(
     doubts: Sequence[str] = (),
 ) -> None:
     """Keep every photo above the sharpness floor."""
-    # Headers first: what cannot be used is said before any photo is decoded.
+    # Headers are read first, so that unusable photos are reported before any photo is decoded.
     sizes = [image_size(photo.path) for photo in photos]
     cameras = [_scaled_known(photo, size, _scale(*size, settings)) for photo, size in zip(photos, sizes, strict=True)]
     chosen = []
     dropped = []
-    # Photos of unlike sizes are brought to one longer side where they are larger, so that a lens keeps its focal length.
+    # Photos with a larger longer side than the limit are shrunk to it, so that photos of one lens share a focal length in px.
     scales = [_scale(*size, settings) for size in sizes]
     lenses = [Lens(0, None)] * len(photos) if photos[0].known else lenses_of([photo.path for photo in photos], scales)
     with atomic_directory(out_frames) as folder:
@@ -245,7 +245,7 @@ def _from_photos(
 
 
 def _few(count: int) -> list[str]:
-    """Reason of a degraded result when the keyframes are few."""
+    """Reason for a degraded result if there are few keyframes."""
     advised = ADVISED_KEYFRAMES // 2
     return [f"{count} keyframes; {advised} or more are advised"] if count < advised else []
 

@@ -21,7 +21,7 @@ class KnownView:
 
 
 def checked_view(view: KnownView, source: str | Path, photo: str) -> KnownView:
-    """Return a view as it is, if there can be such a camera in such a pose.
+    """Return a view unchanged if its camera and pose are possible.
 
     Args:
         view: Camera and pose.
@@ -29,7 +29,7 @@ def checked_view(view: KnownView, source: str | Path, photo: str) -> KnownView:
         photo: Name of the photo.
 
     Raises:
-        InputError: A number is none or out of every range, or the pose is no rotation and translation.
+        InputError: A number is not finite or not plausible, or the pose is no rotation and translation.
     """
     problem = camera_problem(view.camera) or pose_problem(view.cam_from_world)
     if problem:

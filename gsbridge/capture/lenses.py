@@ -1,4 +1,4 @@
-"""Lenses that photos were taken with, as far as their EXIF data tell."""
+"""The lenses that photos were taken with, according to their EXIF data."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ import PIL.Image
 pi_heif.register_heif_opener()
 
 SAME_LENS = 0.02
-"""Focal lengths that differ by less, relatively, are of one lens: cameras round what they write."""
+"""Focal lengths with a smaller relative difference come from one lens: cameras round the values that they write."""
 
 _EXIF = 0x8769
 _FOCAL_35MM = 0xA405
 _MARKS = (0x920A, 0xA404, 0xA434)
-"""Focal length in mm, digital zoom, name of the lens: photos in which one differs are of two lenses, whatever their pixels. A
-phone that crops its wide lens, close to a thing, may write the other's focal length in 35 mm film."""
+"""EXIF tags of focal length in mm, digital zoom and name of the lens. If any of them differs, photos come from two lenses, even
+if their focal length in 35 mm film is the same: a phone that crops its wide lens, close to an object, may write that of the
+other lens."""
 _WIDTH = (0x0110, _FOCAL_35MM, 0xA20E, 0xA20F, 0xA210)
-"""Model, and what else decides the focal length in pixels."""
+"""EXIF tags of the camera's model and of the other values that determine the focal length in pixels."""
 
 _FILM_MM = float(np.hypot(36.0, 24.0))
-"""Diagonal of 35 mm film, to which COLMAP relates a focal length in it, as pictures that it cannot decode are related here."""
+"""Diagonal of 35 mm film, mm. COLMAP converts focal lengths in 35 mm film by it; photos that COLMAP cannot decode are converted
+in the same way here."""
 
 
 @dataclass(frozen=True)
 class Lens:
-    """What photos that may share a camera were taken with.
+    """A lens, whose photos may share a camera.
 
     Args:
-        number: Its place among the lenses of a capture, in the order in which they occur.
-        focal: Focal length, px; None where unknown.
+        number: Number of the lens in a capture, in the order in which lenses occur.
+        focal: Focal length, px; None if unknown.
     """
 
     number: int
@@ -42,17 +44,17 @@ class Lens:
 
 
 def lenses_of(paths: Sequence[Path], scales: Sequence[float]) -> list[Lens]:
-    """The lens of each photo.
+    """Find the lens of each photo.
 
-    A phone changes its lens by itself, close to a thing or as it is zoomed, and photos of two lenses are of one size.
+    A phone switches lenses by itself, close to an object or when zoomed, and photos of both lenses have the same size.
 
     Args:
         paths: Photos.
-        scales: Factor by which each was made smaller.
+        scales: Scale of each photo relative to its file, 1 or less.
     """
     from gsbridge.photogrammetry.colmap import exif_focal_px
 
-    # COLMAP knows how wide the sensors of cameras are, but decodes the whole photo: once for each kind is enough.
+    # COLMAP knows the sensor widths of cameras, but decodes the whole photo, so it is asked only once for each kind of photo.
     known: dict[object, float | None] = {}
     found: list[tuple[object, Lens]] = []
     out = []
@@ -71,7 +73,7 @@ def lenses_of(paths: Sequence[Path], scales: Sequence[float]) -> list[Lens]:
 
 
 def _written(path: Path) -> tuple[object, object, float | None]:
-    """What tells lenses apart in a photo's header, what decides its focal length, and that by 35 mm film, px, if there."""
+    """From a photo's header: values that tell lenses apart; values that determine the focal length; that by 35 mm film, px."""
     with contextlib.suppress(OSError, ValueError, SyntaxError, PIL.Image.DecompressionBombError), PIL.Image.open(path) as image:
         exif = image.getexif()
         more = exif.get_ifd(_EXIF)

@@ -1,7 +1,7 @@
-"""The printable sheet of a board: tags, a ruler, texture that feature matching likes, and a line that says what to do.
+"""The printable sheet of a board: tags, a ruler, texture for feature matching, and instructions.
 
-One list of filled outlines (`sheet_shapes`) is the sheet; the PDF, the SVG and the raster all draw exactly that list, with
-the same even-odd fill, so that what a camera sees in the mirror is what a printer prints.
+The sheet is defined by one list of filled outlines (`sheet_shapes`). The PDF, the SVG and the raster all draw exactly that list
+with the same even-odd fill, so that a camera in the mirror sees what a printer prints.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ def _rectangle(left: float, bottom: float, right: float, top: float) -> Array:
 
 
 def _region_outlines(cells: Array) -> list[Array]:
-    """Outlines of the regions of ones in a small grid, region on the left of the way (y down). [R, C] -> list of [K, 2] x, y.
+    """Outlines of the regions of ones in a small grid. [R, C] -> list of [K, 2] x, y, y down; the region lies on the left.
 
-    Cells are merged before they are filled: cells painted one by one would show hairlines where they meet.
+    Cells are merged before they are filled, because cells painted one by one would show hairlines where they meet.
     """
     rows, columns = cells.shape
     padded = np.pad(cells.astype(bool), 1)
@@ -81,7 +81,7 @@ def _region_outlines(cells: Array) -> list[Array]:
         way = (0, 0)
         while not outline or here != begin:
             outline.append(here)
-            # Where two regions touch at a corner, turn right: each keeps its own outline.
+            # Where two regions touch at a corner, the way turns right, so that each region keeps its own outline.
             choices = turns[here]
             right = (here[0] - way[1], here[1] + way[0])
             there = right if right in choices else choices[0]
@@ -103,7 +103,7 @@ def _tag_shape(board: Board, index: int) -> Shape:
 
 
 def _text_shape(text: str, x: float, y: float, height: float, anchor: str = "middle") -> Shape:
-    """Text as outlines, so that no reader needs a font.
+    """Text as outlines, so that no program that shows the sheet needs a font.
 
     Args:
         text: The text.
@@ -139,7 +139,7 @@ def _ruler_shapes() -> list[Shape]:
 
 
 def _texture_shapes(board: Board) -> list[Shape]:
-    """Random grey polygons of many sizes: corners at all scales, no two alike, none near a tag, the ruler or the text."""
+    """Random grey polygons of many sizes, with corners at all scales; none is near a tag, the ruler or the text."""
     rng = np.random.default_rng(_TEXTURE_SEED)
     half_w, half_h = board.size[0] / 2 - _MARGIN_M, board.size[1] / 2 - _MARGIN_M
     clear = board.tag_size * (0.5 + _TAG_CLEAR_CELLS / 8)
@@ -209,7 +209,7 @@ def _svg(board: Board, shapes: Sequence[Shape]) -> bytes:
 
 
 def _pdf(board: Board, shapes: Sequence[Shape]) -> bytes:
-    """A PDF 1.4 of one page with filled paths only; user units of 1/72 inch, and the print dialogue asked not to scale."""
+    """A PDF 1.4 of one page with filled paths only, in user units of 1/72 inch; it asks the print dialogue not to scale."""
     unit = 72 / 0.0254
     width, height = (unit * side for side in board.size)
     parts = []
@@ -254,7 +254,7 @@ def sheet_reflectance(board: Board, pixels_per_m: float, oversampling: int = 4) 
 
     width, height = (max(1, round(side * pixels_per_m)) for side in board.size)
     wide, high = width * oversampling, height * oversampling
-    # Agg fills with exact area coverage, which OpenCV's polygons do not: theirs are half a pixel too fat.
+    # Agg fills with exact area coverage; OpenCV does not, and its polygons are half a pixel too wide.
     renderer = RendererAgg(wide, high, 72)
     place = Affine2D().translate(board.size[0] / 2, board.size[1] / 2).scale(wide / board.size[0], high / board.size[1])
     for shape in [Shape(1.0, (_rectangle(-1, -1, 1, 1),)), *sheet_shapes(board)]:

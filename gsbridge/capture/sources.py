@@ -30,11 +30,11 @@ _UNREAD_SUFFIXES = (".avif", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".r
 """Formats of phones and cameras that OpenCV does not read."""
 
 _COUNTED_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi")
-"""Containers that store their number of frames; others declare duration times frame rate, which may be far off."""
+"""Containers that store their number of frames; for others OpenCV gives duration times frame rate, which may be far off."""
 _DECODED_SHARE = 0.98
 
 _ISO_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot", b"styp", b"sidx", b"uuid", b"udta", b"meta")
-"""Kinds of the first box of an MP4 or QuickTime file; the name stands behind its length."""
+"""Kinds of the first box of an MP4 or QuickTime file; the kind follows the box's length."""
 _CONTAINER_STARTS = (
     b"\x1a\x45\xdf\xa3",  # Matroska and WebM
     b"\x00\x00\x01",  # MPEG-1 and -2, and plain H.264 and H.265, whose start code may have one zero more
@@ -48,7 +48,8 @@ _CONTAINER_STARTS = (
     b"DKIF",
 )
 _TRANSPORT_PACKETS = ((0, 188), (4, 192))
-"""Place of the first sync byte of an MPEG transport stream and length of its packets; camcorders put a time before each."""
+"""Place of the first sync byte of an MPEG transport stream, and length of its packets; camcorders put a time stamp before each
+packet."""
 
 _NERFSTUDIO_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
 _EXPORT_AGAIN = "Export it again with ns-process-data"
@@ -78,7 +79,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Photo:
-    """A photo on disk; `known` where its camera and pose came with it, `time_s` where it is a film's frame."""
+    """A photo on disk; `known` is set if its camera and pose came with it, `time_s` if it is a frame of a film."""
 
     path: Path
     time_s: float | None = None
@@ -86,7 +87,7 @@ class Photo:
 
 
 class Video:
-    """Frames of a video file, decoded in order, and turned as the phone was held.
+    """Frames of a video file, decoded in order and rotated upright as the phone was held.
 
     Args:
         path: The video.
@@ -136,17 +137,18 @@ class Video:
             capture.release()
 
     def _time(self, index: int, stated: float) -> float:
-        """Time of a frame, s: its number over the frame rate, or the file's own where a phone changed its rate.
+        """Time of a frame, s: its number divided by the frame rate, or the file's time stamp if the phone changed its rate.
 
-        Containers round times, Matroska to a millisecond.
+        Differences of up to a millisecond are ignored, because containers round times; Matroska rounds to a millisecond.
         """
         even = index / self.fps
         return stated if np.isfinite(stated) and abs(stated - even) > 0.001 else even
 
     def check(self, decoded: int) -> None:
-        """Refuse a video of which many frames are lost: a decoder skips damage without an error.
+        """Refuse a video that lost many frames, because a decoder skips damaged parts without an error.
 
-        Where the container only estimates its frames, as WebM and Matroska do, a sound video may lack some: a warning says so.
+        If the container only estimates its number of frames, as WebM and Matroska do, an intact video may seem to lack some;
+        then there is only a warning.
 
         Raises:
             InputError: Fewer frames were decoded than the file counts.
@@ -168,7 +170,7 @@ class Video:
 
 
 def _is_container(begin: bytes) -> bool:
-    """Whether a file begins as videos do. The decoder would also take lists of other files, which it then opens.
+    """Whether a file begins as videos do; the decoder would also accept lists of other files, and open those.
 
     Args:
         begin: The file's first bytes; two packets of a transport stream are enough.
@@ -193,7 +195,7 @@ class PhotoSequence:
             yield photo.time_s or 0.0, np.ascontiguousarray(read_image_u8(photo.path)[..., ::-1])
 
     def check(self, decoded: int) -> None:
-        """Nothing to compare: a missing image has already raised."""
+        """Do nothing, because a missing image has already raised an error."""
 
 
 def list_photos(folder: Path) -> list[Photo]:
@@ -246,7 +248,7 @@ def read_colmap(model: Path, images: Path | None) -> list[Photo]:
     # pycolmap is loaded only here: videos and photo folders do not need it.
     from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, read_model
 
-    # A whole COLMAP project is as good as its model.
+    # The folder of a whole COLMAP project is accepted as well as that of its model.
     places = (model, model / "sparse" / "0", model / "sparse")
     model = next((p for p in places if any(os.path.isfile(p / f"cameras{end}") for end in (".bin", ".txt"))), model)
     reconstruction = read_model(model)
@@ -308,14 +310,14 @@ def read_nerfstudio(path: Path) -> tuple[list[Photo], list[str]]:
 
 
 def _photo_file(folder: Path, name: str) -> Path | None:
-    """File of a listed photo; some exporters leave the suffix out. None where there is none."""
+    """File of a listed photo, also if the exporter left the suffix out; None if there is no such file."""
     file = folder / name
     choices = [file, *(file.with_name(file.name + suffix) for suffix in IMAGE_SUFFIXES)]
     return next((choice for choice in choices if os.path.isfile(choice)), None)
 
 
 def _own_values(content: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
-    """What a transforms file says of one photo: its own entries stand before those that hold for all photos."""
+    """Values of a transforms file for one photo; the photo's own entries override those that hold for all photos."""
     values = {**content, **frame}
     for length, angle in (("fl_x", "camera_angle_x"), ("fl_y", "camera_angle_y")):
         if angle in frame and length not in frame:
@@ -328,10 +330,10 @@ def _refuse_lens(path: Path, values: dict[str, Any]) -> None:
 
     Args:
         path: The transforms file.
-        values: What it says of one photo.
+        values: Its values for one photo.
 
     Raises:
-        InputError: The lens is one of them.
+        InputError: The lens is of such a kind.
     """
     model = values.get("camera_model", "OPENCV")
     if model not in _NERFSTUDIO_MODELS:
@@ -343,7 +345,7 @@ def _refuse_lens(path: Path, values: dict[str, Any]) -> None:
 
 
 def _nerfstudio_camera(values: dict[str, Any], file: Path) -> Camera:
-    """Camera of one frame; what the file leaves out comes from the photo's size: the middle, and the opening angle."""
+    """Camera of one frame; the photo's size replaces a missing size or centre, the angle of view a missing focal length."""
     width, height = (int(values["w"]), int(values["h"])) if {"w", "h"} <= values.keys() else image_size(file)
     fx = float(values["fl_x"]) if "fl_x" in values else 0.5 * width / np.tan(0.5 * float(values["camera_angle_x"]))
     if "fl_y" in values or "camera_angle_y" not in values:
@@ -356,7 +358,7 @@ def _nerfstudio_camera(values: dict[str, Any], file: Path) -> Camera:
 
 
 def _existing(photos: list[Photo], source: Path) -> list[Photo]:
-    """The photos themselves, once all of them are found on disk and have names that differ."""
+    """Return the photos if all of them exist on disk and their names differ; else raise an error."""
     if not photos:
         raise InputError(source, "no photo is listed", "Export it again with at least 3 photos")
     missing = [photo.path for photo in photos if not os.path.isfile(photo.path)]
