@@ -1,1 +1,1 @@
-"""What several stages of Real2Sim measure with: board and tags, COLMAP models, outlines of objects, carved solids."""
+"""Tools that several stages of Real2Sim share: board and tags, COLMAP models, outlines of objects, carved solids."""

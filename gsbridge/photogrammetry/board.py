@@ -1,8 +1,8 @@
-"""The printable board: its layout, its finding in images. Sheets are written by `gsbridge.capture.printing`.
+"""The printable board: its layout, and its detection in images. Sheets are written by `gsbridge.capture.printing`.
 
 The board frame has its origin at the centre of the sheet, x to the right and y up as printed, z out of the paper towards
-the viewer. The layout, not the size of single tags, gives the metric scale: distances between tags are several times less
-sensitive to blurred edges (`docs/capture.md`).
+the viewer. The metric scale comes from the layout instead of the size of single tags, because distances between tags are
+several times less sensitive to blurred edges (`docs/capture.md`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SHEETS_M = {"a4": (0.297, 0.210), "letter": (0.2794, 0.2159)}
 """Sheet sizes, landscape: width, height, m."""
 
 MIN_TAGS = 3
-"""Tags that a photo must show: with fewer, a flat target's pose is soft or ambiguous."""
+"""Least number of tags that a photo must show; with fewer, a flat target's pose is poorly determined or ambiguous."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def standard_board(sheet: str = "a4") -> Board:
     """
     if sheet not in SHEETS_M:
         raise InputError("board", f"the sheet size '{sheet}' is unknown", f"Use one of {', '.join(sorted(SHEETS_M))}")
-    # One layout for both sheets: it fits the smaller of the two in each direction with 12 mm of margin.
+    # One layout serves both sheets: in each direction it fits the smaller of the two with 12 mm of margin.
     dx, dy = 0.108, 0.074
     centres = np.array([[-dx, dy], [-dx / 3, dy], [dx / 3, dy], [dx, dy], [dx, -dy], [dx / 3, -dy], [-dx / 3, -dy], [-dx, -dy]])
     return Board(sheet, 0.032, tuple(range(8)), centres)
@@ -95,16 +95,17 @@ def find_tags(image: Array, board: Board) -> dict[int, Array]:
     Returns:
         Corners of each tag found, px with pixel centres at +0.5, in the order of `Board.corners`. [4, 2] each.
 
-    OpenCV decodes the tags; the corners are ours, the intersections of lines fitted to the four outer edges. An edge blurred
-    in linear light and then sRGB-encoded looks shifted into the black square, because half the light is encoded as 0.73, not
-    0.5; corners found on the encoded image sit a quarter pixel inward. The edges are therefore fitted in decoded light.
+    OpenCV decodes the tags; the corners are computed here, as intersections of lines fitted to the four outer edges. An edge
+    blurred in linear light and then sRGB-encoded looks shifted into the black square, because half the light is encoded as 0.73
+    instead of 0.5; corners found on the encoded image sit a quarter pixel inward. The edges are therefore fitted in linear
+    light.
     """
     light = linear_from_srgb(image.astype(np.float32) / 255.0) @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
     detector = cv2.aruco.ArucoDetector(
         cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), cv2.aruco.DetectorParameters()
     )
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    # OpenCV decodes tags of some 20 px poorly; enlarged twice they are read (film frames 0.8 m away: 7 of 8 instead of 3).
+    # OpenCV often fails to decode tags of some 20 px; enlarged twofold, they are read (frames 0.8 m away: 7 of 8 instead of 3).
     enlarge = 2 if max(grey.shape) <= 1600 else 1
     quads, ids, _ = detector.detectMarkers(cv2.resize(grey, None, fx=enlarge, fy=enlarge, interpolation=cv2.INTER_CUBIC))
     if ids is None:
@@ -129,7 +130,7 @@ def refine_corners(light: Array, corners: Array) -> Array | None:
     Returns:
         Refined corners [4, 2], or None where the square is too small, cut by the image's border, or has no clear edge.
 
-    Across an edge, the position that splits the light as a sharp step would is the edge, whatever the (symmetric) blur.
+    The edge is placed where a sharp step would give the same total light across it; a symmetric blur does not move this place.
     """
     height, width = light.shape
     for _ in range(2):
@@ -141,8 +142,8 @@ def refine_corners(light: Array, corners: Array) -> Array | None:
             along = along / length
             outward = np.array([along[1], -along[0]])
             outward *= np.sign(outward @ ((start + end) / 2 - centre))
-            # A profile begins in the middle of the tag's black border, one cell of eight wide as foreshortened across this
-            # edge: further inside, the blur of the white cells would pass for light of the edge.
+            # A profile begins in the middle of the tag's black border, which is one cell of eight wide, foreshortened across
+            # this edge. Further inside, the blur of white cells would be mistaken for light of the edge.
             cell = np.abs((corners - (start + end) / 2) @ outward).max() / 8
             if cell < 2.0:
                 return None

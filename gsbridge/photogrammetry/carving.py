@@ -1,8 +1,8 @@
 """Space carving: a solid from silhouettes, its surface, and the surface's depth in a view.
 
 Instead of counting votes per voxel, every silhouette gives a signed distance to its outline; a voxel keeps a low quantile of
-these distances over the views that see it. The quantile forgives a few wrong silhouettes like a vote does, and its zero level
-is a surface placed far more finely than the voxels.
+these distances over the views that see it. The quantile tolerates a few wrong silhouettes as a vote does, and its zero level
+is a surface that is located far more finely than the voxels.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from gsbridge.kernels import Real, njit
 from gsbridge.meshes import Mesh
 
 _COARSE = 4
-"""The carving first runs on every 4th voxel in each direction; only voxels near the surface are then done one by one."""
+"""The carving first runs on every 4th voxel in each direction; then only voxels near the surface are computed one by one."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Silhouette:
 def signed_distances(mask: Array) -> Array:
     """Distance of every pixel centre to the outline of `mask > 0.5`, px, positive inside. [H, W] -> [H, W] float32."""
     inside = (np.asarray(mask) > 0.5).astype(np.uint8)
-    # cv2 measures to the nearest pixel centre of the other side; the outline runs half a pixel before it.
+    # cv2 measures to the nearest pixel centre on the other side; the outline is half a pixel nearer.
     within, beyond = _distances(inside), _distances(1 - inside)
     return np.where(inside > 0, within - 0.5, 0.5 - beyond).astype(np.float32)
 
@@ -89,12 +89,12 @@ def signed_distances(mask: Array) -> Array:
 def _distances(inside: Array) -> Array:
     """Distance of each pixel to the nearest zero, px. [H, W] uint8 -> [H, W] float32.
 
-    The last bit of cv2's roots depends on threads and on where the image lies in memory. Squares of distances between pixels
-    are whole numbers, and these are sure up to 1400 px.
+    The last bit of cv2's square roots depends on threads and on the image's place in memory. Squares of distances between
+    pixels are whole numbers, so that rounding recovers them exactly, up to 1400 px.
     """
     found = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     squares = np.rint(np.square(found, dtype=np.float64))
-    # Without any zero cv2 gives a huge number, which is no distance.
+    # If the image has no zero, cv2 returns a huge number, which is no distance.
     return np.where(found < 1e4, np.sqrt(squares), found).astype(np.float32)
 
 
@@ -167,12 +167,12 @@ def carve(
     """Signed distance of the visual hull, positive inside.
 
     Args:
-        grid: Where to sample.
+        grid: Sample points.
         silhouettes: Outlines with their views.
-        vote: Share of the views that see a point which must hold it inside, 0..1: `1` is the plain visual hull.
+        vote: Among the views that see a point, the share whose silhouettes must contain it, 0..1; `1` is the plain visual hull.
         min_views: Points seen by fewer views are outside.
         threads: Threads to use.
-        coarse: Do far-away points on a coarser grid (their values are then interpolated).
+        coarse: Compute points far from the surface on a coarser grid, and interpolate.
 
     Returns:
         The quantile `1 - vote` of the signed distances of each point, in the unit of the poses. [nx, ny, nz] float32.
@@ -208,7 +208,8 @@ def carve(
     run(wide, np.ones(wide.shape, np.bool_), rough)
     axes = [np.arange(n) / _COARSE for n in grid.shape]
     field = _interpolate(rough, axes)
-    # A distance cannot change faster than the position (bar perspective), so a coarse value beyond the cell's diagonal is safe.
+    # Apart from perspective, a distance changes no faster than the position, so a coarse value beyond the cell's diagonal is
+    # safe.
     near = np.abs(field) < 1.2 * math.sqrt(3) * wide.spacing
     run(grid, near, field)
     return field
@@ -233,7 +234,7 @@ def largest_component(field: Array, seeds: Array | None = None) -> Array:
         seeds: Fractional indices of points that belong to the wanted part; the part that holds most of them wins. [N, 3].
 
     Returns:
-        The field with the other parts negated (their outlines stay where they were, but belong to no solid).
+        The field with the other parts negated: their outlines stay where they are, but no longer enclose anything.
     """
     labels, count = ndimage.label(field > 0)
     if count <= 1:

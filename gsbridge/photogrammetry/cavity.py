@@ -1,4 +1,4 @@
-"""What an object on the table holds: its heights as seen from above, and how deep water would stand in it."""
+"""Cavities of an object on the table: its heights as seen from above, and how deep water would stand in it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from gsbridge.libraries import import_open3d
 from gsbridge.meshes import Mesh
 
 CELL_M = 0.001
-"""Spacing of the heights that cavities are measured on."""
+"""Spacing of the grid of heights from which cavities are measured, m."""
 LEAST_M = 0.010
-"""Dents of less depth are no cavities."""
+"""Dents shallower than this are no cavities, m."""
 _DEEPEST = 90
-"""Percentile of the depths of a cavity that counts as its depth: a single needle is none."""
+"""Percentile of the depths in a cavity that is taken as its depth, so that a single deep spike does not count."""
 
 
 def heights_from_above(mesh: Mesh, low: Array, high: Array) -> Array:
@@ -27,7 +27,7 @@ def heights_from_above(mesh: Mesh, low: Array, high: Array) -> Array:
     open3d = import_open3d()
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
-    # Off the grid by an odd fraction, lest rays run along walls.
+    # Rays are shifted by an odd fraction of a cell, lest they run along walls.
     x, y = (np.arange(a, b, CELL_M) + 0.37 * CELL_M for a, b in zip(low, high, strict=True))
     top = float(mesh.vertices[:, 2].max()) + 0.1
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
@@ -40,19 +40,19 @@ def heights_from_above(mesh: Mesh, low: Array, high: Array) -> Array:
 def water_depth(heights: Array) -> Array:
     """Depth to which water would stand at each place, m; 0 where it runs off. [nx, ny] heights, m -> [nx, ny].
 
-    What shows the table from above, as within a ring that lies there, lets all water out.
+    Water runs off wherever the table shows from above, as within a ring that lies on the table.
     """
     from skimage.morphology import reconstruction
 
-    # Water stands as high as the lowest way out: fill from above, held up only where it can run off.
+    # Water stands as high as the lowest way out. The erosion starts full everywhere but on the table, where water runs off.
     start = np.where(heights > 0, heights.max(), 0.0)
     return np.asarray(reconstruction(start, heights, method="erosion") - heights)
 
 
 def cavity_depth(mesh: Mesh) -> float:
-    """Depth to which water would stand in an object on the table, m; 0 for one that holds none.
+    """Depth to which water would stand in an object on the table, m; 0 if it holds no water.
 
-    What shows the table from above, as within a ring that lies there, lets all water out.
+    Water runs off wherever the table shows from above, as within a ring that lies on the table.
     """
     low, high = mesh.vertices[:, :2].min(0) - 3 * CELL_M, mesh.vertices[:, :2].max(0) + 3 * CELL_M
     depth = water_depth(heights_from_above(mesh, low, high))

@@ -1,6 +1,6 @@
-"""COLMAP models at the border: its cameras, its poses, its log.
+"""Conversion of COLMAP's cameras, poses, models and log output.
 
-cv2 is imported before pycolmap: the other order was seen to abort the process.
+cv2 is imported before pycolmap, because the other order was seen to abort the process.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ _PARTS = ("cameras", "images", "points3D")
 
 
 def camera_from_colmap(camera: pycolmap.Camera | None, source: str | Path) -> Camera:
-    """Turn a COLMAP camera into ours.
+    """Turn a COLMAP camera into a `Camera`.
 
     Args:
         camera: A pinhole camera, with up to OPENCV's distortion.
-        source: Where it comes from, for the error.
+        source: File that it comes from, for the error message.
 
     Raises:
         InputError: There is no camera, or its model has more distortion terms than k1, k2, p1, p2, or is a fisheye.
@@ -59,7 +59,7 @@ def colmap_params(camera: Camera) -> list[float]:
 
 
 def exif_focal_px(path: str | Path) -> float | None:
-    """Focal length that a photo's EXIF data gives, px at its full size; None where it gives none."""
+    """Focal length from a photo's EXIF data, px at its full size; None if they give none."""
     try:
         camera = pycolmap.infer_camera_from_image(path)
     except (RuntimeError, ValueError):
@@ -102,8 +102,8 @@ def read_model(folder: str | Path) -> pycolmap.Reconstruction:
 def _check_binary(path: Path) -> None:
     """Refuse truncated binary files by walking their records.
 
-    COLMAP's reader does not notice the end of a file: it goes on with the last value read, asks for absurd amounts of
-    memory, or ends the process.
+    COLMAP's reader does not notice the end of a file: it continues with the last value read, requests huge amounts of memory,
+    or ends the process.
     """
     walkers = {"cameras": _walk_cameras, "images": _walk_images, "points3D": _walk_points}
     for part, walk in walkers.items():
@@ -111,7 +111,7 @@ def _check_binary(path: Path) -> None:
         data = file.read_bytes()
         try:
             count = struct.unpack_from("<Q", data, 0)[0]
-            # The shortest record of all three files has more than 20 bytes: a huge count is damage, not a big model.
+            # Every record in the three files has more than 20 bytes, so a larger count means damage instead of a big model.
             if count * 20 > len(data) or walk(data, count) != len(data):
                 raise ValueError("its length does not match its content")
         except (struct.error, ValueError, IndexError, KeyError, OverflowError) as error:
@@ -148,10 +148,10 @@ def _walk_points(data: bytes, count: int) -> int:
 
 @contextlib.contextmanager
 def quiet(log: str | Path) -> Iterator[None]:
-    """Send what C++ libraries write to stderr to a file, appended; Python's own logging is not touched.
+    """Append to a file what C++ libraries write to stderr; Python's own logging is not affected.
 
-    COLMAP writes pages per run through glog and, from some threads, to the raw descriptor; only a redirected descriptor
-    catches all of it. Python's stderr handlers get a duplicate of the old descriptor for the time being.
+    COLMAP writes many lines per run through glog and, from some threads, to the raw descriptor; only a redirected descriptor
+    catches all of them. In the meantime Python's stderr handlers write to a duplicate of the old descriptor.
     """
     import logging
     import sys

@@ -1,11 +1,11 @@
-"""Unmixing of the pixels on an object's outline, which show the object and what lies behind it at once.
+"""Unmixing of the pixels on an object's outline, which mix the object with the background behind it.
 
 A pixel on the outline is C = a F + (1 - a) B in linear light: a share a of the object's colour F over the background's B. Both
-colours are taken from the sure sides of the outline next to it. A hard mask instead makes every model wrong in a ring of one
-pixel, and puts the table's colour on the object's rim.
+colours are taken from nearby pixels that certainly lie on one side of the outline. A hard mask would make every model wrong in
+a ring of one pixel, and put the table's colour on the object's rim.
 
-Source: the model of Chuang et al., "A Bayesian Approach to Digital Matting", CVPR 2001, with one Gaussian per side and the
-outline's distance as the prior of the share.
+Source: the model of Chuang et al., "A Bayesian Approach to Digital Matting", CVPR 2001, with one Gaussian per side and a prior
+of the share from the distance to the outline.
 """
 
 from __future__ import annotations
@@ -22,16 +22,18 @@ BAND_PX = 2.0
 """Pixels nearer to the outline than this are unmixed."""
 
 _REACHES_PX = (2.0, 5.0)
-"""Standard deviations of the windows that the colours of a side are averaged over: the near one, then the one for gaps."""
+"""Standard deviations of the windows over which the colours of a side are averaged, px: a near one, and a wide one for gaps."""
 
 _OUTLINE_BLUR_PX = 0.7
-"""Standard deviation of the prior of the share: half a pixel of integration, half a pixel of error of the outline."""
+"""Standard deviation of the blur that turns the mask into the prior of the share, px: half a pixel for the pixel's own area,
+half a pixel for the outline's error."""
 
 _SHARE_SIGMA = 0.15
-"""How far the share may be off that follows from the outline's place alone."""
+"""Standard deviation of the share that the outline's place alone predicts."""
 
 _NOISE = 0.05
-"""Standard deviation, linear light, of what the two colours do not explain: noise, and texture finer than the windows."""
+"""Standard deviation of the residual that the two colours do not explain, linear light: noise, and texture finer than the
+windows."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +41,8 @@ class Sides:
     """Colours on both sides of an outline, in linear light.
 
     Args:
-        front, back: Mean colours nearby. [H, W, 3] each.
-        front_variance, back_variance: Their variance nearby, mean of the channels. [H, W] each.
+        front, back: Mean colours of the object and of the background nearby. [H, W, 3] each.
+        front_variance, back_variance: Variances of these colours nearby, mean of the channels. [H, W] each.
     """
 
     front: Array
@@ -84,7 +86,7 @@ def estimate_alpha(photo: Array, mask: Array) -> Array:
 
     Args:
         photo: sRGB. [H, W, 3] uint8.
-        mask: Mask of the object, 0..1, whose outline is right to about a pixel. [H, W].
+        mask: Mask of the object, 0..1, whose outline is accurate to about a pixel. [H, W].
 
     Returns:
         1 inside, 0 outside, the share on the outline. [H, W] float32.
@@ -109,7 +111,7 @@ def estimate_alpha(photo: Array, mask: Array) -> Array:
 
 
 def unmix(photo: Array, alpha: Array) -> Array:
-    """The object's own colour in each pixel: on the outline, what is left when the background's share is taken away.
+    """The object's own colour in each pixel: on the outline, the colour without the background's share.
 
     Args:
         photo: sRGB. [H, W, 3] uint8.
@@ -125,7 +127,7 @@ def unmix(photo: Array, alpha: Array) -> Array:
     linear = linear_from_srgb(photo[part].astype(np.float32) / 255)
     share = alpha[part].astype(np.float32)
     sides = sides_of(linear, _distance(share > 0.5))
-    # Most probable colour, given that of the side and the mixture; the background's texture counts as noise.
+    # The most probable colour, with the side's mean colour as prior; the background's texture counts as noise.
     rest = linear - share[..., None] * sides.front - (1 - share[..., None]) * sides.back
     noise = (1 - share) ** 2 * sides.back_variance + _NOISE**2
     gain = share * sides.front_variance / (share**2 * sides.front_variance + noise)
@@ -137,14 +139,14 @@ def unmix(photo: Array, alpha: Array) -> Array:
 
 
 def background_of(photo: Array, alpha: Array) -> Array:
-    """What stands behind the object's rim: the photo itself beside the object, the colours next to it on the outline.
+    """Background behind the object's rim: beside the object the photo itself, on the outline the background's colour nearby.
 
     Args:
         photo: sRGB. [H, W, 3] uint8.
         alpha: Share of the object, 0..1. [H, W].
 
     Returns:
-        Linear light; black deep inside the object, where no photo tells. [H, W, 3] float32.
+        Linear light; black deep inside the object, where the background is unknown. [H, W, 3] float32.
     """
     linear = linear_from_srgb(photo.astype(np.float32) / 255)
     if not (alpha > 0).any():

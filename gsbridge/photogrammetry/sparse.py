@@ -1,4 +1,4 @@
-"""The sparse model of a scene in the table frame, as the align stage leaves it to later stages."""
+"""The sparse model of a scene in the table frame, which the align stage writes for later stages."""
 
 from __future__ import annotations
 

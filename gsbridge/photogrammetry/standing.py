@@ -1,4 +1,4 @@
-"""What stands on the table where the cameras look: its sparse points, and its size."""
+"""The object on the table at the place the cameras look at: its sparse points, and its size."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ HEIGHT_SHARE = 0.008
 """Least height of an object's point above the table, as a share of the working distance."""
 
 _REACH = 0.8
-"""Points farther than this share of the working distance from the point the cameras look at are the room, not the object."""
+"""Points farther than this from the point the cameras look at, as a share of the working distance, are part of the room."""
 _LINK = 0.07
-"""Points nearer to each other than this share of the working distance belong together."""
+"""Points nearer to each other than this, as a share of the working distance, belong together."""
 _BESIDE = 0.02
 """Low points this near to the object, as a share of the working distance, are its foot."""
 _TALL = 0.3
-"""Points above this share of the object's height choose the object; lower ones join it from there."""
+"""Points above this share of the object's height decide which group is the object; lower points are added to it afterwards."""
 _AHEAD, _RIVAL = 0.12, 20
-"""A group of so many points is no part of what was chosen, and may be what was meant, where it stands this much nearer to the
-place that the cameras look at, as a share of the working distance."""
+"""Another group of at least `_RIVAL` points may be the object that was meant if it stands nearer to the place that the cameras
+look at, by more than `_AHEAD` of the working distance."""
 _HIDDEN = 2.0
-"""Low points are a foot rather than bumps of the table where they outnumber the table's own points by this much."""
+"""Low points are a foot, and no bumps of the table, if their number is more than this many times that of the table's points."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Standing:
     Args:
         members: Indices of the object's points. [K].
         threshold: Height from which on a point stands above the table.
-        above: Number of points above it near the place the cameras look at.
-        nearer: Points of the fullest other group that stands nearer to that place; 0 where there is none worth a word.
+        above: Number of points above `threshold` near the place the cameras look at.
+        nearer: Number of points of the largest other group that stands nearer to that place (see `_AHEAD`); 0 if there is none.
     """
 
     members: Array
@@ -64,21 +64,21 @@ def find_standing(
         focus: Point that the cameras look at. [3].
         distance: Working distance, from the cameras to that point, in the unit of `points`.
         height_share: Least height of an object's point, as a share of the working distance.
-        min_points: Points below which nothing is taken for an object.
+        min_points: Least number of points of an object.
 
     Returns:
-        The object; without members where fewer than `min_points` points stand above the table.
+        The object; it has no members if fewer than `min_points` points stand above the table.
     """
     near = np.linalg.norm(points - focus, axis=1) < _REACH * distance
     height = points[:, 2]
     flat = near & (np.abs(height) < 0.02 * distance)
-    # Spread of the table's own points; half of them may belong to the object's foot, which the median forgives.
+    # Spread of the table's own points; the median tolerates that up to half of them belong to the object's foot.
     spread = 1.4826 * float(np.median(np.abs(height[flat]))) if flat.sum() >= 10 else 0.0
     threshold = min(max(height_share * distance, 4.0 * spread), 0.03 * distance)
     above = np.flatnonzero(near & (height > threshold))
     if len(above) < min_points:
         return Standing(np.zeros(0, dtype=int), threshold, len(above))
-    # Wrong heights of the table reach over the threshold in places, so the tall points decide what the object is.
+    # Wrong heights of the table exceed the threshold in places, so only tall points decide which group is the object.
     central = above[np.linalg.norm(points[above, :2] - focus[:2], axis=1) < 0.3 * distance]
     height_of = float(np.percentile(height[central if len(central) >= min_points else above], 95))
     tall = above[height[above] > _TALL * height_of]
@@ -91,16 +91,17 @@ def find_standing(
     group = _with_foot(points, tall[labels == best], np.setdiff1d(above, tall), near & (np.abs(height) <= threshold), distance)
     chosen = points[group]
     if len(chosen) > 30:
-        # Lone points (wrong matches) would stretch the box: a good point has company.
+        # Isolated points are wrong matches and would stretch the box; a good point has others nearby.
         company = np.asarray(cKDTree(chosen).query(chosen, k=4)[0])[:, -1]
         group = group[company < max(4.0 * float(np.median(company)), 0.02 * distance)]
     return Standing(group, threshold, len(above), int(between.max(initial=0)))
 
 
 def _with_foot(points: Array, group: Array, low: Array, table: Array, distance: float) -> Array:
-    """Add to a group the low points that are its foot: what is linked to it and hides the table, and all right beside that.
+    """Add to a group the low points of its foot: those that connect to it and hide the table, and all right beside them.
 
-    Bumps of the table, where its own heights are wrong, lie among points of the table; a foot or plinth covers them.
+    Bumps of the table, where its measured heights are wrong, lie among other points of the table; a foot or plinth covers the
+    table, so that few points of the table lie among its own.
 
     Args:
         points: All points. [N, 3].
@@ -134,8 +135,8 @@ def box_sides(points: Array, beyond: float = 0.0) -> Array:
 
     Args:
         points: Points on an object, z up, z = 0 on the table, any unit. [N, 3].
-        beyond: Percentage of the points that may lie beyond each side: where single points decide nothing, the same thing
-            filmed again has nearly the same sides.
+        beyond: Percentage of the points that may lie beyond each side. Above 0, no single point decides a side, so that the
+            same object filmed again has nearly the same sides.
     """
     flat = points[:, :2] - points[:, :2].mean(0)
     _, sides, angle = cv2.minAreaRect(np.ascontiguousarray(flat, dtype=np.float32))

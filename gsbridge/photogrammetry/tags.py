@@ -85,7 +85,7 @@ def _corner(pixels: list[Array], cameras: list[tuple[Camera, Array]]) -> Array |
 def scale_standard_error(source: Array, target: Array, seed: int, rounds: int = 200) -> float:
     """Standard error of the scale between triangulated tags and their layout, as a share of the scale.
 
-    Whole tags are resampled, because errors of one tag (a blurred edge, a bent corner) go together.
+    Whole tags are resampled, because the errors within one tag (a blurred edge, a bent corner) are correlated.
 
     Args:
         source: Triangulated corners, any unit. [T, 4, 3].
@@ -94,7 +94,7 @@ def scale_standard_error(source: Array, target: Array, seed: int, rounds: int = 
         rounds: Resamplings.
 
     Returns:
-        The relative standard error; NaN with fewer than four tags, of which resampling says nothing.
+        The relative standard error; NaN with fewer than four tags, too few for resampling.
     """
     if len(source) < 4:
         return float("nan")
@@ -102,7 +102,7 @@ def scale_standard_error(source: Array, target: Array, seed: int, rounds: int = 
     scales: list[float] = []
     while len(scales) < rounds:
         pick = rng.integers(0, len(source), len(source))
-        # Two tags fix a scale, but three keep one of them from deciding alone.
+        # Two tags would determine a scale, but with three no single tag decides it alone.
         if len(np.unique(pick)) >= 3:
             scales.append(align_similarity(source[pick].reshape(-1, 3), target[pick].reshape(-1, 3)).scale)
     return float(np.std(scales, ddof=1) / np.mean(scales))
