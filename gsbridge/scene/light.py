@@ -20,8 +20,8 @@ WIDTH = 0.09
 wider light takes up several parts."""
 
 _EVEN = 0.02
-"""Weight of a ridge penalty on each share, relative to the root mean square residual of the places. The penalty keeps shares
-even where no shadow tells parts apart."""
+"""Weight of a ridge penalty on each share, relative to the root mean square residual of the places. The penalty spreads the
+light evenly over parts that no shadow tells apart."""
 
 _WHOLE = 3.0
 """Weight, on the same scale, of the condition that the shares add up to 1: an unshaded table looks as it was filmed."""
