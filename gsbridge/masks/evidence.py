@@ -35,7 +35,7 @@ _LOOSE = 0.015
 _FEWEST_SOUND = 6
 """Least number of masks that are not bitten from which a hull is made."""
 BITTEN = 0.1
-"""A mask lacks a part of the object (it is *bitten*) if it leaves out this share of the object's points in its photo."""
+"""A mask lacks a part of the object (it is *bitten*) if it leaves out more than this share of its photo's object points."""
 SPILT = 0.1
 """A mask holds a part of the table if this many of the table's points, or more, lie in it per point of the object."""
 MANY = 0.1

@@ -71,7 +71,7 @@ def load_model(weights: str | Path | None) -> Any:
 
 
 def frame_tensor(image: Array, size: int) -> Array:
-    """A photo as the model wants it. [H, W, 3] uint8 -> [3, size, size] float32, normalised."""
+    """Convert a photo to the model's input. [H, W, 3] uint8 -> [3, size, size] float32, normalised."""
     resized = cv2.resize(image, (size, size), interpolation=cv2.INTER_LINEAR).astype(np.float32) / 255.0
     return np.ascontiguousarray(((resized - _MEAN) / _STD).transpose(2, 0, 1))
 
@@ -106,7 +106,7 @@ def prompt_points(view: View, prompt: Prompt, size: int) -> tuple[Array, Array] 
 
 
 def _frame_order(views: Sequence[View]) -> list[int]:
-    """Indices of the views in the order of filming, which their names hold."""
+    """Indices of the views in the order of filming, which is the order of their names."""
     return sorted(range(len(views)), key=lambda index: views[index].name)
 
 

@@ -51,7 +51,7 @@ _WINDOW_MATCH = 0.75
 _WINDOW_TEXTURE = 0.005
 """Least standard deviation of that pattern, 0..1."""
 _WINDOW_VIEWS = 3
-"""Views that must see through before any window is believed."""
+"""Views that must see through the object before any window is accepted."""
 _NONE: Array = np.zeros((0, 3))
 """No points."""
 _MAJORITY = 0.75
@@ -160,7 +160,7 @@ def ground_of(points: Array) -> Array:
 
 
 def stands_wide(points: Array) -> bool:
-    """Whether an object's foot is wider than what stands on it, by its sparse points. [N, 3].
+    """Whether an object's foot is wider than the body above it, by its sparse points. [N, 3].
 
     Only then does ground that no photo shows surely belong to the object. Under an overhang, as under a ball, ground is hidden
     without belonging to it.

@@ -36,7 +36,7 @@ _WORTH = 0.01
 _LOWER = 0.03
 """The top is lowered only if that takes off at least this share of the hull's size; less is the outlines' noise."""
 _MEASURED = 0.2
-"""The top stays, as a patterned dome does, if more than this share of the lines of sight into it end in it, measured."""
+"""The top stays, as a patterned dome does, if depth was measured in it along more than this share of the lines of sight."""
 _NEAR = 0.035
 """Surface nearer than this to a measured point, as a share of the object's size, counts as measured."""
 _AHEAD, _BEYOND, _INNER = 0.06, 0.02, 0.05
@@ -151,7 +151,7 @@ def _without_gaps(hull: Hull, view: View, depth: Array) -> Array:
 
 
 def needed_height(hull: Hull, views: Sequence[View], masks: Sequence[Array]) -> float:
-    """Height up to which the outlines need the hull: cut off there, it still covers nearly all masks as the whole hull does.
+    """Height up to which the outlines need the hull: cut off there, it covers nearly all masks as well as the whole hull does.
 
     Outlines from one height leave a cone over a flat or open top that no picture needs. A thin tip that some pictures do show
     stays.

@@ -1,4 +1,4 @@
-"""Heights above the table from photos: every cell of a map tries heights and keeps the one on which its views agree.
+"""Heights above the table from photos: every cell of a map is tried at many heights and keeps the one on which its views agree.
 
 The map lies in the table plane, not in an image: one map serves all views, a flat table is the simplest answer, and plain
 areas are filled by their neighbours (semi-global aggregation along eight directions).

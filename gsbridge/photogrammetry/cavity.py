@@ -27,7 +27,7 @@ def heights_from_above(mesh: Mesh, low: Array, high: Array) -> Array:
     open3d = import_open3d()
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
-    # Rays are shifted by an odd fraction of a cell, lest they run along walls.
+    # Rays are shifted by an odd fraction of a cell, so that they do not run along walls.
     x, y = (np.arange(a, b, CELL_M) + 0.37 * CELL_M for a, b in zip(low, high, strict=True))
     top = float(mesh.vertices[:, 2].max()) + 0.1
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)

@@ -111,7 +111,7 @@ class Division:
 
 
 def divide(faces: Array, vertices: int, times: int) -> Division:
-    """Cut each face into four, `times` times over; the cuts depend on the faces alone, so that deformed meshes get the same.
+    """Cut each face into four, `times` times over; the cuts depend on the faces alone, so that deformed meshes are cut alike.
 
     Args:
         faces: [F, 3].

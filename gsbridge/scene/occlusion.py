@@ -20,7 +20,7 @@ SHARE = 0.97
 
 
 def spheres_in(mesh: Mesh, count: int) -> Array:
-    """Fill a body with spheres; each next one is that which covers the most points still uncovered.
+    """Fill a body with spheres, chosen one by one; each covers as many points as possible that are still uncovered.
 
     Args:
         mesh: Closed surface, m.

@@ -15,7 +15,7 @@ from gsbridge.geometry import Array
 from gsbridge.images import srgb_from_linear
 
 EXPOSURES = 7
-"""Pictures over the time in which the shutter is open."""
+"""Number of pictures over the time in which the shutter is open."""
 
 STRIPS = 24
 """Strips of rows that a rolling shutter reads at one time."""
@@ -68,7 +68,7 @@ def develop(light: Array, frame: CameraFrame, shooting: Shooting) -> Array:
 
 
 def with_noise(photos: Array, shooting: Shooting, rng: np.random.Generator) -> Array:
-    """Photos with noise, clamped and not rounded.
+    """Add noise to photos, and clamp them without rounding.
 
     Args:
         photos: Photos without noise, encoded, 0..1. [...].

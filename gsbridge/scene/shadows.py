@@ -190,7 +190,7 @@ def _dim_picture(
 
 
 class Shadows:
-    """Dims pictures where bodies stand in the light.
+    """Shadows of bodies, by which pictures are dimmed.
 
     Args:
         light: The light.

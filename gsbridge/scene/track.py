@@ -1,4 +1,4 @@
-"""Where a camera was at any time: a smooth path through posed time stamps."""
+"""The pose of a camera at any time, from a smooth path through poses with time stamps."""
 
 from __future__ import annotations
 
