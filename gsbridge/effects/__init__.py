@@ -1,5 +1,5 @@
-"""What a model may lack: what an effect is, the effects of joints, bodies and images, and the check of a model's list of them.
+"""Effects that a simulation may lack: the base class, the effects of joints, bodies and images, and the check of model files.
 
-Every effect is one file of `joints`, `bodies` or `images`, named in the list of its package. It says what it is called, what
-its parameters mean, and what it changes in a setup; whatever simulates offers a setup that such changes can be made to.
+Each effect is one file in `joints`, `bodies` or `images` and is listed in the `__init__` of that package. An effect states its
+name, the meaning of its parameters, and what it changes in a setup; every simulator offers a setup that effects can change.
 """

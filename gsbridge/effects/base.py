@@ -1,4 +1,4 @@
-"""What an effect is, whatever it changes."""
+"""The base class of all effects, whatever they act on, and of their parameters."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ class Parameter:
 
     Args:
         name: Name in model files.
-        unit: Unit, SI.
-        low: Smallest value that makes sense.
-        high: Largest.
-        typical: A size at which to begin looking.
-        amplitude: Whether the effect vanishes as this goes to zero with the other amplitudes; others are shapes.
-        meaning: What it means, in words.
-        per_angle: Whether it counts per turn of a joint, though its unit does not say so.
-        grain: Smallest scale on which a shape is looked at; zero for a tenth of its range.
-        weighted_by: The amplitude whose product with this one acts, as a mass at a place does; empty for what acts by itself.
+        unit: SI unit.
+        low: Smallest plausible value.
+        high: Largest plausible value.
+        typical: Typical size, from which a search starts.
+        amplitude: True for an amplitude: the effect vanishes when all its amplitudes are zero. False for a shape parameter.
+        meaning: Meaning of the parameter, in words.
+        per_angle: Whether the parameter counts per turn of a joint, although its unit does not say so.
+        grain: Smallest step in which a search resolves a shape parameter; zero stands for a tenth of its range.
+        weighted_by: Name of the amplitude that multiplies this parameter, as a payload acts through mass times position; empty
+            if the parameter acts by itself.
     """
 
     name: str
@@ -43,16 +44,16 @@ class Effect(ABC):
     Attributes:
         name: Name in files and reports.
         title: Name in sentences.
-        hook: Where it takes hold, on the way from the command to the log or from the scene to the file.
+        hook: Stage at which it acts, on the way from the command to the log or from the scene to the file.
         scope: What it acts on: `joint` (one joint), `mechanism` (all joints at once), `body` or `camera`.
         parameters: Parameters of the effect; with all amplitudes at zero there is no effect.
-        signature: How it looks in what is left between measurement and simulation.
-        confused_with: Effects that look alike.
-        tell_apart: The experiment that separates them.
-        contains: Effects that are this one with some amplitudes at zero.
-        sizes: Multiples of the typical size, or of the size that just stands out, at which signatures are made.
-        reason: Why the simulation cannot play it, so that its model cannot hold it; empty where it can.
-        instead: What to do about it then.
+        signature: How the effect looks in the residual between measurement and simulation.
+        confused_with: Names of effects whose signatures look alike.
+        tell_apart: The experiment that separates this effect from those.
+        contains: Names of effects that are special cases of this one, with some of its amplitudes at zero.
+        sizes: Multiples of the typical size, or of the smallest size above the noise, at which signatures are simulated.
+        reason: Why the simulation cannot reproduce the effect, so that a model file cannot hold it; empty where it can.
+        instead: What a user can do if the simulation cannot reproduce the effect.
     """
 
     name: ClassVar[str]
@@ -70,22 +71,22 @@ class Effect(ABC):
 
     @property
     def amendable(self) -> bool:
-        """Whether the simulation can play the effect, so that its model may hold it."""
+        """Whether the simulation can reproduce the effect, so that a model file may hold it."""
         return not self.reason
 
     @property
     def advice(self) -> str | None:
-        """Sentence on what a user can do where the simulation cannot play the effect; None where it can."""
+        """Advice to the user if the simulation cannot reproduce the effect; None if it can."""
         return (
             None if self.amendable else f"A policy cannot learn with this in simulation, since {self.reason}. {self.instead}."
         )
 
     def called(self, parameter: str) -> str:
-        """A parameter's name in sentences."""
+        """Return a parameter's name as used in sentences."""
         return parameter
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Parameter sets of typical size whose multiples are looked at first; both signs where both make sense."""
+        """Return the parameter sets of typical size from which a search starts, with both signs where the bounds allow both."""
         out = []
         for sign in (1.0, -1.0):
             values = {p.name: sign * p.typical if p.amplitude else p.typical for p in self.parameters}
@@ -94,5 +95,5 @@ class Effect(ABC):
         return tuple(out)
 
     def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
-        """Amplitudes multiplied, shapes kept, all within their bounds."""
+        """Multiply the amplitudes by a factor, keep the shape parameters, and clip all to their bounds."""
         return {p.name: min(max(values[p.name] * (factor if p.amplitude else 1.0), p.low), p.high) for p in self.parameters}

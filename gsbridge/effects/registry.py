@@ -1,4 +1,4 @@
-"""Effects by name, and the check of lists of effects in model files: one for all models."""
+"""Look-up of effects by name, and the check of the lists of effects in model files, shared by all kinds of model."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ Kind = TypeVar("Kind", bound=Effect)
 
 @dataclass(frozen=True)
 class Applied:
-    """An effect of a model: its name, the joint it acts on (empty for everything else), and its parameters."""
+    """An effect in a model: its name, its joint (empty if it does not act on a single joint), and its parameter values."""
 
     name: str
     joint: str
     parameters: Mapping[str, float]
 
     def record(self) -> dict[str, Any]:
-        """The entry that stands for it in a model file."""
+        """Return the entry of a model file that describes this effect."""
         out: dict[str, Any] = {"name": self.name, "parameters": dict(self.parameters)}
         return {**out, "joint": self.joint} if self.joint else out
 
 
 class Registry(Mapping[str, Kind], Generic[Kind]):
-    """One effect of each class, by name, in the order of names.
+    """One instance of each effect class, looked up by name and sorted by name.
 
-    Classes are listed by hand, so that imports, and with them the digests of rules, show every file that counts.
+    Classes are listed by hand instead of being discovered, so that the imports name every file that matters: the digests of
+    the workflow's rules follow imports.
     """
 
     def __init__(self, *kinds: type[Kind]) -> None:
@@ -48,10 +49,10 @@ class Registry(Mapping[str, Kind], Generic[Kind]):
         return len(self._effects)
 
     def effect(self, name: str, source: str | Path = "model") -> Kind:
-        """An effect by name.
+        """Return the effect of a name.
 
         Raises:
-            InputError: There is none of that name.
+            InputError: There is no effect of that name.
         """
         if name not in self._effects:
             raise InputError(source, f"the effect '{name}' is unknown", f"Use one of: {', '.join(self)}")
@@ -61,16 +62,16 @@ class Registry(Mapping[str, Kind], Generic[Kind]):
 def effect_of(
     applied: Applied, *registries: Registry[Any], source: str | Path = "model", joints: Collection[str] | None = None
 ) -> Any:
-    """The effect that an entry of a model names, with all its parameters and the joint that it needs.
+    """Return the effect that an entry of a model names, after checking the entry's parameters and joint.
 
     Args:
         applied: The entry.
-        registries: Effects that may be named. Where two share a name, only one of them acts on a joint.
-        source: Where the entry stands, for messages.
-        joints: Joints that there are; None where nothing is known of them.
+        registries: Effects that may be named. If two share a name, only one of them acts on a joint.
+        source: File or place of the entry, for messages.
+        joints: Names of the model's joints; None to skip the check of the joint's name.
 
     Raises:
-        InputError: The effect or its joint is unknown, or parameters or the joint are missing or do not belong there.
+        InputError: The effect or its joint is unknown, or a parameter or the joint is missing or superfluous.
     """
     found = [registry[applied.name] for registry in registries if applied.name in registry]
     if not found:
@@ -94,13 +95,13 @@ def read_effects(
     """Check the list `effects` of a model file.
 
     Args:
-        items: Its content: a list of `{name, parameters}`, of a joint's effects with `joint`.
+        items: Content of the list: entries `{name, parameters}`, with `joint` for effects on one joint.
         source: The file, for messages.
         registries: Effects that the model may hold.
-        joints: Joints of the model; None where nothing is known of them.
+        joints: Names of the model's joints; None to skip the check of joint names.
 
     Raises:
-        InputError: No list, an unknown effect, joint or parameter, a missing one, or a value outside its range.
+        InputError: `items` is no list; an effect, joint or parameter is unknown or missing; or a value is outside its range.
     """
     if not isinstance(items, list):
         raise InputError(source, "'effects' is no list", "Write effects: [] or a list of {name, parameters}")
@@ -128,16 +129,19 @@ _ACTS_ON = {"joint": "mechanisms", "mechanism": "mechanisms", "body": "thrown bo
 
 
 def read_names(items: Any, source: str | Path, registry: Registry[Any], *others: Registry[Any]) -> tuple[str, ...] | None:
-    """Check a case's list of the effects that may be the reason; None, for all, where it is empty or missing.
+    """Check the list `effects` of a case: the effects among which a diagnosis searches.
 
     Args:
-        items: Its content: a list of names.
+        items: Content of the list: names of effects.
         source: The file, for messages.
         registry: Effects that may be named.
-        others: Effects that act on something else.
+        others: Effects on other things, which are refused with a message that says what they act on.
+
+    Returns:
+        The names; None, which stands for all effects, if the list is empty or missing.
 
     Raises:
-        InputError: It is no list of names, or a name is unknown or that of an effect on something else.
+        InputError: `items` is no list of names, or a name is unknown or belongs to an effect on something else.
     """
     if isinstance(items, str) or not all(isinstance(name, str) for name in items or ()):
         raise InputError(source, "'effects' is no list of names", f"E.g. [{', '.join(list(registry)[:2])}]")
@@ -151,21 +155,21 @@ def read_names(items: Any, source: str | Path, registry: Registry[Any], *others:
 
 
 def checked_number(value: Any, low: float, high: float, key: str, unit: str, source: str) -> float:
-    """A number of a model file, within its range.
+    """Check that a value of a model file is a number within its range, and return it as a float.
 
     Args:
-        value: Value as the file holds it.
-        low, high: The range.
-        key: Where it stands in the file, for messages.
-        unit: Its unit, for messages.
+        value: Value as read from the file.
+        low, high: The range, in `unit`.
+        key: Key of the value in the file, for messages.
+        unit: Unit of the value, for messages.
         source: The file, for messages.
 
     Raises:
-        InputError: It is no number, not finite, or out of range.
+        InputError: The value is no number, not finite, or out of range.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise InputError(source, f"'{key}' is {value!r}, no number", f"Give {low:g} to {high:g} {unit}".rstrip())
-    # The comparison also fails for not-a-number.
+    # Written so that NaN is refused, too.
     if not low <= value <= high:
         raise InputError(source, f"'{key}' is {value:g}, outside its range", f"Give {low:g} to {high:g} {unit}".rstrip())
     return float(value)

@@ -1,4 +1,4 @@
-"""Effects of thrown and sliding bodies, one per file."""
+"""Effects on thrown and sliding bodies, one per file."""
 
 from gsbridge.effects.bodies.angular_damping import AngularDamping
 from gsbridge.effects.bodies.base import BodyEffect

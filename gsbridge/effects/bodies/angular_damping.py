@@ -1,4 +1,4 @@
-"""Loss of spin in the air, or a damping that an engine adds: a spin s decays by s' = -d s, d being the coefficient."""
+"""Damping of the spin by air or by the engine: a spin s decays by s' = -d s, where d is the coefficient."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class AngularDamping(BodyEffect):
-    """Loss of spin in the air, or a damping that an engine adds: a spin s decays by s' = -d s, d being the coefficient."""
+    """Damping of the spin by air or by the engine: a spin s decays by s' = -d s, where d is the coefficient."""
 
     name = "angular_damping"
     title = "damping of the spin"

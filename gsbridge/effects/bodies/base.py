@@ -1,4 +1,4 @@
-"""What effects of a free body have in common, and the interface through which they change a simulation of one."""
+"""The base class of effects on a free body, and the interface through which they change its simulation."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ __all__ = ["BodyEffect", "BodyFigures", "Parameter"]
 
 
 class BodyFigures(Protocol):
-    """Figures of a body, its contact and its tracking before it is simulated, as effects change them."""
+    """Parameters of a body, its contact and its tracking before it is simulated, as effects change them."""
 
     def add(self, figure: str, change: float) -> None:
-        """Change a figure, within its bounds."""
+        """Add a change to a parameter, within the parameter's bounds."""
 
     def multiply(self, figure: str, change: float) -> None:
-        """Change a figure by a share of itself, within its bounds."""
+        """Multiply a parameter by one plus a change, within the parameter's bounds."""
 
 
 class BodyEffect(Effect):
-    """An effect that changes figures of a free body, one parameter per figure.
+    """An effect whose parameters each change one simulation parameter of a free body.
 
     Attributes:
-        figures: Name of each parameter's figure in `gsbridge.gap.contact.setup.BOUNDS`.
-        relative: Whether parameters are shares of the nominal figures; otherwise they are added.
-        needs_speeds: Whether it can only show where start speeds are logged.
+        figures: Name of the simulation parameter in `gsbridge.gap.contact.setup.BOUNDS` for each parameter of the effect.
+        relative: Whether the effect's parameters are shares of the nominal values; otherwise they are added to them.
+        needs_speeds: Whether the effect can be observed only if start speeds are logged.
     """
 
     scope: ClassVar[str] = "body"
@@ -36,13 +36,13 @@ class BodyEffect(Effect):
     needs_speeds: ClassVar[bool] = False
 
     def apply(self, setup: BodyFigures, values: Mapping[str, float]) -> None:
-        """Change the figures."""
+        """Change the simulation parameters of a setup in place; `values` holds one value per parameter of the effect."""
         for parameter in self.parameters:
             change = setup.multiply if self.relative else setup.add
             change(self.figures[parameter.name], values[parameter.name])
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """One set of parameters per amplitude and per sign within its bounds; shape parameters have their typical values."""
+        """Return one parameter set per amplitude and sign within its bounds; shape parameters have their typical values."""
         rest = {p.name: 0.0 if p.amplitude else p.typical for p in self.parameters}
         out = []
         for parameter in self.parameters:

@@ -1,4 +1,4 @@
-"""Friction of the pair of body and surface, one coefficient."""
+"""A wrong friction coefficient between body and surface."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class ContactFriction(BodyEffect):
-    """Friction of the pair of body and surface, one coefficient."""
+    """A wrong friction coefficient between body and surface."""
 
     name = "contact_friction"
     title = "contact friction"

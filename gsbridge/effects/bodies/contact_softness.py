@@ -1,4 +1,4 @@
-"""A contact that gives way: compliance with a damper beside it."""
+"""A soft contact: a compliance in parallel with a damper."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class ContactSoftness(BodyEffect):
-    """A contact that gives way: compliance with a damper beside it."""
+    """A soft contact: a compliance in parallel with a damper."""
 
     name = "contact_softness"
     title = "a soft contact"

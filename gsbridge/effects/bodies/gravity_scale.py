@@ -1,4 +1,4 @@
-"""Gravity as the log sees it."""
+"""A gravity in the log that differs from the model's."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class GravityScale(BodyEffect):
-    """Gravity as the log sees it."""
+    """A gravity in the log that differs from the model's."""
 
     name = "gravity_scale"
     title = "a wrong gravity"

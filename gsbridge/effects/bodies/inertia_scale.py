@@ -1,4 +1,4 @@
-"""A moment of inertia that the mass alone does not explain."""
+"""A wrong moment of inertia, with the mass unchanged."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class InertiaScale(BodyEffect):
-    """A moment of inertia that the mass alone does not explain."""
+    """A wrong moment of inertia, with the mass unchanged."""
 
     name = "inertia_scale"
     title = "a wrong moment of inertia"

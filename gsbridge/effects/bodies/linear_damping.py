@@ -1,4 +1,4 @@
-"""Loss of speed in the air, or a damping that an engine adds: a speed s decays by s' = -d s, d being the coefficient."""
+"""Damping of the speed by air or by the engine: a speed s decays by s' = -d s, where d is the coefficient."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class LinearDamping(BodyEffect):
-    """Loss of speed in the air, or a damping that an engine adds: a speed s decays by s' = -d s, d being the coefficient."""
+    """Damping of the speed by air or by the engine: a speed s decays by s' = -d s, where d is the coefficient."""
 
     name = "linear_damping"
     title = "damping of the motion"

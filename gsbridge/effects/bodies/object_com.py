@@ -1,4 +1,4 @@
-"""A centre of mass that is not where the model has it."""
+"""A centre of mass that is offset from the model's."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class ObjectCom(BodyEffect):
-    """A centre of mass that is not where the model has it."""
+    """A centre of mass that is offset from the model's."""
 
     name = "object_com"
     title = "an offset of the centre of mass"

@@ -1,4 +1,4 @@
-"""A body that is heavier or lighter than the model, in all its parts alike."""
+"""A body that is heavier or lighter than the model, with the same relative distribution of mass."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class ObjectMass(BodyEffect):
-    """A body that is heavier or lighter than the model, in all its parts alike."""
+    """A body that is heavier or lighter than the model, with the same relative distribution of mass."""
 
     name = "object_mass"
     title = "a wrong mass of the body"

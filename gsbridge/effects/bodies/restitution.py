@@ -1,4 +1,4 @@
-"""Share of the speed that an impact gives back."""
+"""A wrong coefficient of restitution, the share of the normal speed that an impact returns."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class Restitution(BodyEffect):
-    """Share of the speed that an impact gives back."""
+    """A wrong coefficient of restitution, the share of the normal speed that an impact returns."""
 
     name = "restitution"
     title = "restitution"

@@ -1,4 +1,4 @@
-"""Resistance against rolling, as a lever arm."""
+"""A wrong rolling resistance, given as a lever arm."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class RollingFriction(BodyEffect):
-    """Resistance against rolling, as a lever arm."""
+    """A wrong rolling resistance, given as a lever arm."""
 
     name = "rolling_friction"
     title = "rolling friction"

@@ -1,4 +1,4 @@
-"""Resistance against spinning on the spot, as a lever arm."""
+"""A wrong resistance to spinning about the contact normal, given as a lever arm."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class SpinningFriction(BodyEffect):
-    """Resistance against spinning on the spot, as a lever arm."""
+    """A wrong resistance to spinning about the contact normal, given as a lever arm."""
 
     name = "spinning_friction"
     title = "spinning friction"

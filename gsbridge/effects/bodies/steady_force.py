@@ -1,4 +1,4 @@
-"""A level force that always acts: a cable, wind."""
+"""A constant horizontal force, such as the pull of a cable or wind."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class SteadyForce(BodyEffect):
-    """A level force that always acts: a cable, wind."""
+    """A constant horizontal force, such as the pull of a cable or wind."""
 
     name = "steady_force"
     title = "a steady force"

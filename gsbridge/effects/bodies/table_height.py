@@ -1,4 +1,4 @@
-"""A surface, or a margin of the contact, that is higher or lower than the model."""
+"""A surface, or a contact margin, that is higher or lower than the model's."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class TableHeight(BodyEffect):
-    """A surface, or a margin of the contact, that is higher or lower than the model."""
+    """A surface, or a contact margin, that is higher or lower than the model's."""
 
     name = "table_height"
     title = "a wrong height of the surface"

@@ -1,4 +1,4 @@
-"""Start speeds that belong to an earlier time, as backward differences do."""
+"""Logged start speeds that belong to an earlier time, as those from backward differences do."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class TrackingLag(BodyEffect):
-    """Start speeds that belong to an earlier time, as backward differences do."""
+    """Logged start speeds that belong to an earlier time, as those from backward differences do."""
 
     name = "tracking_lag"
     title = "late start speeds"

@@ -1,4 +1,4 @@
-"""The log follows another point of the body than the model's origin."""
+"""A log that tracks a point of the body other than the model's origin."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class TrackingOffset(BodyEffect):
-    """The log follows another point of the body than the model's origin."""
+    """A log that tracks a point of the body other than the model's origin."""
 
     name = "tracking_offset"
     title = "an offset of the tracked point"

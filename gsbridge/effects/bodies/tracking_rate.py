@@ -1,4 +1,4 @@
-"""The log's clock runs too fast or slow."""
+"""A clock of the log that runs too fast or too slow."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class TrackingRate(BodyEffect):
-    """The log's clock runs too fast or slow."""
+    """A clock of the log that runs too fast or too slow."""
 
     name = "tracking_rate"
     title = "a wrong rate of the log's clock"

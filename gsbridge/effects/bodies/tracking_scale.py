@@ -1,4 +1,4 @@
-"""All logged lengths are too large or small."""
+"""A wrong length scale of the log."""
 
 from typing import ClassVar
 
@@ -6,7 +6,7 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class TrackingScale(BodyEffect):
-    """All logged lengths are too large or small."""
+    """A wrong length scale of the log."""
 
     name = "tracking_scale"
     title = "a wrong length scale of the tracking"

@@ -1,4 +1,4 @@
-"""Effects of pictures, one per file."""
+"""Effects on camera images, one per file."""
 
 from gsbridge.effects.images.base import ImageEffect
 from gsbridge.effects.images.black_level import BlackLevel

@@ -1,4 +1,4 @@
-"""Effects of pictures: what they share."""
+"""The base class of effects on camera images."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from gsbridge.effects.images.camera_pipeline import Shooting
 __all__ = ["HOOKS", "ImageEffect", "Parameter"]
 
 HOOKS = ("time", "geometry", "light", "sensor")
-"""Places where an effect takes hold, on the way from the scene to the file: when and from where the camera looks, through
-what geometry, what happens to the linear light, and what the sensor makes of it."""
+"""Stages at which an effect can act, on the way from the scene to the file: time and pose of the exposure, geometry of the
+projection, linear light, and sensor values."""
 
 
 class ImageEffect(Effect):
-    """One thing that pictures of a simulation may lack.
+    """An effect that simulated camera images may lack.
 
     Attributes:
-        places: Values of shape parameters at which one begins to look, all combinations; the typical one where none are given.
-        far: Values of some amplitudes, the others being zero, at which one begins to look, too, since from nothing the way to
-            what moved that far leads astray.
-        noise_only: Whether it changes the noise of the pictures only, not their expectation.
-        timed: Whether it depends on when a photo was taken, beyond where the camera was then.
+        places: Starting values of shape parameters; a search tries all combinations. A shape parameter without an entry starts
+            at its typical value.
+        far: Further starting points of a search: values of some amplitudes, the others being zero. A search from zero ends in
+            a wrong local minimum if the images have moved that far.
+        noise_only: Whether the effect changes only the noise of the images, not their expected values.
+        timed: Whether the effect depends on the time stamp of a photo itself, not only on the camera's pose at that time.
     """
 
     scope: ClassVar[str] = "camera"
@@ -36,21 +37,21 @@ class ImageEffect(Effect):
 
     @abstractmethod
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Put the effect into the way in which photos are taken."""
+        """Add the effect to a `Shooting`, which is changed in place; `values` holds one value per parameter."""
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:
-        """Parameters that vanish with the effect."""
+        """The parameters that are amplitudes: zero where there is no effect."""
         return tuple(parameter for parameter in self.parameters if parameter.amplitude)
 
     def shapes(self) -> tuple[dict[str, float], ...]:
-        """Shape parameters at which one begins to look; one empty set for an effect without any."""
+        """Return all combinations of starting values of the shape parameters; one empty set if there are none."""
         forms = [parameter for parameter in self.parameters if not parameter.amplitude]
         grids = [self.places.get(parameter.name, (parameter.typical,)) for parameter in forms]
         return tuple({p.name: value for p, value in zip(forms, row, strict=True)} for row in product(*grids))
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Parameter sets of typical size: each amplitude alone, both ways where both make sense, at every shape."""
+        """Return each amplitude alone at its typical size, with each sign that its bounds allow, for every start shape."""
         out = []
         for shape in self.shapes():
             rest = {p.name: shape.get(p.name, 0.0) for p in self.parameters}
@@ -62,5 +63,5 @@ class ImageEffect(Effect):
         return tuple(out)
 
     def clipped(self, values: Mapping[str, float]) -> dict[str, float]:
-        """All parameters within their bounds."""
+        """Clip all parameters to their bounds."""
         return {p.name: min(max(values[p.name], p.low), p.high) for p in self.parameters}

@@ -1,4 +1,4 @@
-"""Another black: something is added to all encoded values."""
+"""A wrong black level: a constant is added to all encoded values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gsbridge.effects.images.camera_pipeline import OFFSET, Shooting
 
 
 class BlackLevel(ImageEffect):
-    """Another black: something is added to all encoded values."""
+    """A wrong black level: a constant is added to all encoded values."""
 
     name = "black_level"
     title = "black level"
@@ -22,6 +22,6 @@ class BlackLevel(ImageEffect):
     tell_apart = "photograph with the lens covered"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Add to encoded values."""
+        """Add the level to the encoded values."""
         level = np.float32(values["level"])
         shooting.on_sensor(OFFSET, lambda encoded: encoded + level)

@@ -1,4 +1,4 @@
-"""A lens that bends straight lines."""
+"""Radial distortion of the lens."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gsbridge.effects.images.camera_pipeline import Shooting
 
 
 class Distortion(ImageEffect):
-    """A lens that bends straight lines."""
+    """Radial distortion of the lens."""
 
     name = "distortion"
     title = "lens distortion"
@@ -25,5 +25,5 @@ class Distortion(ImageEffect):
     tell_apart = "compare corners with half way to them: focal length displaces in proportion, distortion by the third power"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Add to the coefficients."""
+        """Add to the distortion coefficients."""
         shooting.distortion = shooting.distortion + np.array([values["k1"], values["k2"]])

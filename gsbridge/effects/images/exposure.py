@@ -1,4 +1,4 @@
-"""Another exposure: all light times one factor."""
+"""A wrong exposure: all light is multiplied by one factor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gsbridge.effects.images.camera_pipeline import GAIN, Shooting
 
 
 class Exposure(ImageEffect):
-    """Another exposure: all light times one factor."""
+    """A wrong exposure: all light is multiplied by one factor."""
 
     name = "exposure"
     title = "exposure"

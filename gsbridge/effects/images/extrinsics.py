@@ -1,4 +1,4 @@
-"""A camera that sits elsewhere than thought."""
+"""A wrong camera pose relative to its mount."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from gsbridge.effects.images.base import ImageEffect, Parameter
 from gsbridge.effects.images.camera_pipeline import Shooting
 
 _TURNS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
-"""Turns to begin with, rad: steps of a few centimetres where a wrist camera looks."""
+"""Angles from which a search starts, rad; one step moves the point at which a wrist camera looks by a few centimetres."""
 
 
 class Extrinsics(ImageEffect):
-    """A camera that sits elsewhere than thought."""
+    """A wrong camera pose relative to its mount."""
 
     name = "extrinsics"
     title = "camera mount"
@@ -37,7 +37,7 @@ class Extrinsics(ImageEffect):
     )
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Move the camera in its own frame."""
+        """Move and turn the camera in its own frame."""
         moved = np.eye(4)
         moved[:3, :3] = Rotation.from_rotvec([values["about_x"], values["about_y"], values["about_z"]]).as_matrix()
         moved[:3, 3] = -moved[:3, :3] @ np.array([values["x"], values["y"], values["z"]])

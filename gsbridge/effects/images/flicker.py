@@ -1,4 +1,4 @@
-"""Lamps that flicker with the mains: photos, or bands of rows, are brighter and darker in turn."""
+"""Lamps that flicker with the mains: brightness alternates between photos or between bands of rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gsbridge.geometry import Array
 
 
 class Flicker(ImageEffect):
-    """Lamps that flicker with the mains: photos, or bands of rows, are brighter and darker in turn."""
+    """Lamps that flicker with the mains: brightness alternates between photos or between bands of rows."""
 
     name = "flicker"
     title = "flicker"
@@ -33,7 +33,7 @@ class Flicker(ImageEffect):
     instead = "Light the scene with lamps that do not flicker, or make the exposure a multiple of the mains' period"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Multiply every row by the light at its time."""
+        """Multiply every row by the brightness of the lamps at its readout time."""
         sine, cosine, readout = values["sine"], values["cosine"], values["readout"]
         pace = 2.0 * np.pi * values["frequency"]
 

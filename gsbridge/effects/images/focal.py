@@ -1,4 +1,4 @@
-"""Another focal length."""
+"""A wrong focal length."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gsbridge.effects.images.camera_pipeline import Shooting
 
 
 class Focal(ImageEffect):
-    """Another focal length."""
+    """A wrong focal length."""
 
     name = "focal"
     title = "focal length"

@@ -1,4 +1,4 @@
-"""A lamp that moves with the camera and colours a part of what it sees, as a gripper's indicator light does."""
+"""A coloured lamp that moves with the camera and tints part of the image, such as a gripper's indicator light."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gsbridge.geometry import Array
 
 
 class HueCast(ImageEffect):
-    """A lamp that moves with the camera and colours a part of what it sees, as a gripper's indicator light does."""
+    """A coloured lamp that moves with the camera and tints part of the image, such as a gripper's indicator light."""
 
     name = "hue_cast"
     title = "coloured light"
@@ -32,7 +32,7 @@ class HueCast(ImageEffect):
     places: ClassVar = {"x": (-0.55, 0.0, 0.55), "y": (-0.4, 0.0, 0.4), "radius": (0.4,)}
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Add light in proportion to what is there."""
+        """Add coloured light in a Gaussian spot, in proportion to the light that is there."""
         colour = np.array([values["red"], values["green"], values["blue"]], np.float32)
         x, y, radius = values["x"], values["y"], values["radius"]
 

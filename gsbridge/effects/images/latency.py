@@ -1,4 +1,4 @@
-"""Pictures that are older than their time stamps."""
+"""Images that are older than their time stamps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gsbridge.effects.images.camera_pipeline import Shooting
 
 
 class Latency(ImageEffect):
-    """Pictures that are older than their time stamps."""
+    """Images that are older than their time stamps."""
 
     name = "latency"
     title = "latency of the camera"
@@ -22,5 +22,5 @@ class Latency(ImageEffect):
     instead = "Reduce the delay of the camera's driver, or wait for each picture before the policy acts"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Look from where the camera was."""
+        """Add to the delay, so that photos are taken from the camera's earlier pose."""
         shooting.delay += values["delay"]

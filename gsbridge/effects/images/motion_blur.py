@@ -23,5 +23,5 @@ class MotionBlur(ImageEffect):
     instead = "Shorten the exposure and light the scene more"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Gather light over a time."""
+        """Add to the exposure time."""
         shooting.exposure_time += values["exposure_time"]

@@ -1,4 +1,4 @@
-"""Noise of the sensor beyond that of the effect-free photos."""
+"""Sensor noise beyond that of the photos without any effect."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gsbridge.effects.images.camera_pipeline import Shooting
 
 
 class Noise(ImageEffect):
-    """Noise of the sensor beyond that of the effect-free photos."""
+    """Sensor noise beyond that of the photos without any effect."""
 
     name = "noise"
     title = "sensor noise"
@@ -24,6 +24,6 @@ class Noise(ImageEffect):
     noise_only = True
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Add to the variances."""
+        """Add to the variances of read and shot noise."""
         shooting.read_variance += values["read"] ** 2
         shooting.shot_variance += values["shot"]

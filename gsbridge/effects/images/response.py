@@ -1,4 +1,4 @@
-"""Another response curve: encoded values to some power."""
+"""A wrong response curve: encoded values are raised to a power."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gsbridge.effects.images.camera_pipeline import RESPONSE, Shooting
 
 
 class Response(ImageEffect):
-    """Another response curve: encoded values to some power."""
+    """A wrong response curve: encoded values are raised to a power."""
 
     name = "response"
     title = "response curve"

@@ -1,4 +1,4 @@
-"""Rows that are read one after the other."""
+"""A sensor that reads its rows one after the other."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gsbridge.effects.images.camera_pipeline import Shooting
 
 
 class RollingShutter(ImageEffect):
-    """Rows that are read one after the other."""
+    """A sensor that reads its rows one after the other."""
 
     name = "rolling_shutter"
     title = "rolling shutter"
@@ -22,5 +22,5 @@ class RollingShutter(ImageEffect):
     instead = "Use a camera with a global shutter or a faster readout, or slow the arm down"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Give every row a time of its own."""
+        """Add to the time between rows."""
         shooting.row_time += values["row_time"]

@@ -1,4 +1,4 @@
-"""Another saturation: distances from grey times a factor."""
+"""A wrong saturation: the distance of every colour from grey is multiplied by a factor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 class Saturation(ImageEffect):
-    """Another saturation: distances from grey times a factor."""
+    """A wrong saturation: the distance of every colour from grey is multiplied by a factor."""
 
     name = "saturation"
     title = "saturation"
@@ -25,7 +25,7 @@ class Saturation(ImageEffect):
     tell_apart = "photograph a grey card: saturation does nothing to it"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Move colours from or to the grey of their luminance."""
+        """Move colours away from, or towards, the grey of the same luminance."""
         mix = 1.0 + values["change"]
         matrix = (mix * np.eye(3) + (1.0 - mix) * np.outer(np.ones(3), LUMINANCE)).astype(np.float32)
         shooting.on_light(COLOUR, lambda light, frame: light @ matrix.T)

@@ -1,4 +1,4 @@
-"""A shadow on the table, grey and fixed to it."""
+"""A grey shadow that is fixed to the table."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from gsbridge.geometry import Array
 
 
 class Shadow(ImageEffect):
-    """A shadow on the table, grey and fixed to it.
+    """A grey shadow that is fixed to the table.
 
-    Places are those of the nominal pinhole: beside a wrong focal length or distortion it lies off by as much.
+    Its position is computed with the nominal pinhole camera. If the focal length or distortion is wrong as well, the shadow is
+    misplaced in the image by the same amount.
     """
 
     name = "shadow"
@@ -34,7 +35,7 @@ class Shadow(ImageEffect):
     places: ClassVar = {"x": (-0.15, -0.05, 0.05, 0.15), "y": (-0.15, -0.05, 0.05, 0.15), "radius": (0.08,)}
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Take light from a disc on the table, as a lamp overhead lets it fall."""
+        """Darken a disc with a soft edge, like the shadow that a lamp overhead casts on the table."""
         strength, x, y = values["strength"], values["x"], values["y"]
         radius, edge = values["radius"], values["radius"] * values["softness"]
 

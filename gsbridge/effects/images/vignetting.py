@@ -27,7 +27,7 @@ class Vignetting(ImageEffect):
     tell_apart = "turn the camera about its line of sight: vignetting turns with it, shadows stay"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
-        """Divide the light by a function of the radius."""
+        """Divide the light by a function of the distance from the brightest point."""
         strength, x, y = np.float32(values["strength"]), values["x"], values["y"]
 
         def darken(light: Array, frame: CameraFrame) -> Array:

@@ -1,4 +1,4 @@
-"""Another white: red and blue light times factors."""
+"""A wrong white balance: red and blue light are multiplied by factors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gsbridge.effects.images.camera_pipeline import GAIN, Shooting
 
 
 class WhiteBalance(ImageEffect):
-    """Another white: red and blue light times factors."""
+    """A wrong white balance: red and blue light are multiplied by factors."""
 
     name = "white_balance"
     title = "white balance"

@@ -1,4 +1,4 @@
-"""What effects of driven joints have in common, and the interface through which they change a simulated mechanism."""
+"""The base classes of effects on driven joints, and the interface through which they change a simulated mechanism."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gsbridge.geometry import Array
 __all__ = ["ALL", "DRIVEN", "HOOKS", "FigureEffect", "JointEffect", "MechanismSetup", "Parameter"]
 
 HOOKS = ("command", "actuator", "transmission", "body", "sensor", "clock")
-"""Places where an effect takes hold, on the way from the command to the log."""
+"""Stages at which an effect can act, on the way from the command to the log."""
 
 DRIVEN = ("torque", "pd", "position")
 ALL = ("torque", "pd", "position", "free")
@@ -23,8 +23,8 @@ class MechanismSetup(Protocol):
 
     Attributes:
         joints: Names of the mechanism's joints.
-        law: Figures of the joints, by their names in `gsbridge.gap.joints.mechanism.joint_kernel.LAW`. Each [N].
-        gravity: Gravity as it acts, base frame, m/s2; the controller believes in the nominal one. [3].
+        law: Parameters of the joints, by their names in `gsbridge.gap.joints.mechanism.joint_kernel.LAW`. Each [N].
+        gravity: True gravity in the base frame, m/s2; the controller uses the nominal one. [3].
     """
 
     joints: tuple[str, ...]
@@ -32,39 +32,45 @@ class MechanismSetup(Protocol):
     gravity: Array
 
     def delay_commands(self, seconds: float) -> None:
-        """Let commands reach the controller some time later."""
+        """Delay the commands to the controller by a time, s."""
 
     def smooth_commands(self, seconds: float) -> None:
-        """Put a filter of first order before the controller; `seconds` is its time constant."""
+        """Filter the commands with a first-order low-pass; `seconds` is its time constant."""
 
     def limit_commands(self, joint: int, slowness: float) -> None:
-        """Limit how fast the command of one joint may change; `slowness` is one over the largest speed, s/rad."""
+        """Limit the rate of one joint's command; `slowness` is one over the largest speed, s/rad."""
 
     def scale_link(self, joint: int, factor: float) -> None:
-        """Multiply mass and inertia of the link that a joint moves."""
+        """Multiply mass and inertia of the link that a joint moves by a factor."""
 
     def add_payload(self, mass: float, place: Array) -> None:
-        """Fix a point mass (kg) at a place (m) in the frame of the last link. [3]."""
+        """Fix a point mass (kg) at a position (m) in the frame of the last link. [3]."""
 
     def lay_surface(self, height: float, stiffness: float) -> None:
-        """Stop the tool, or the last link's end, at a height (m) above the base's origin; force per depth in N/m."""
+        """Place an elastic horizontal surface under the tool, or under the last link's end if there is no tool.
+
+        Args:
+            height: Height of the surface above the base's origin, m.
+            stiffness: Contact force per depth of penetration, N/m.
+        """
 
     def restamp_motion(self, taken: Callable[[Array], Array]) -> None:
-        """Log positions and speeds as they were at other times than their stamps say: stamps to times, s. [T] -> [T]."""
+        """Log positions and speeds with wrong time stamps; `taken` maps stamps to true times, s. [T] -> [T]."""
 
 
 class JointEffect(Effect):
-    """One thing that the simulation of a mechanism may lack.
+    """An effect that the simulation of a mechanism may lack.
 
     Attributes:
-        modes: Ways of driving a mechanism under which it can show.
-        blends: Whether adding signatures of different shape parameters gives those in between.
-        threshold: Whether nothing shows below some size, so that signatures do not simply grow with it.
-        fixed: Whether `sizes` are multiples of the typical size, not of the size that just stands out.
-        cost: `sim` if it needs a simulation of its own, `post` if it changes logs only.
-        turns: Whether it needs a joint that turns, and has no meaning at one that slides.
-        sticks: Whether it can hold a joint at rest, where its law leaves open at which of many places.
-        cuts: What it cuts off at one over its only parameter, `effort` or `command_velocity`; empty if it is no such limit.
+        modes: Drive modes in which the effect can be observed.
+        blends: Whether sums of signatures with different shape parameters approximate the signatures of shapes in between.
+        threshold: Whether the effect is invisible below some size, so that its signature is not proportional to its size.
+        fixed: Whether `sizes` are multiples of the typical size, not of the smallest size above the noise.
+        cost: `sim` if the effect needs a simulation of its own, `post` if it changes logs only.
+        turns: Whether the effect exists at revolute joints only.
+        sticks: Whether the effect can hold a joint at rest, where its law does not determine the position of rest.
+        cuts: The quantity that the effect limits to one over its only parameter: `effort` or `command_velocity`; empty if it is
+            no such limit.
     """
 
     scope: ClassVar[str] = "joint"
@@ -80,7 +86,7 @@ class JointEffect(Effect):
 
     @abstractmethod
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Put the effect into a setup, which is changed.
+        """Add the effect to a setup, which is changed in place.
 
         Args:
             setup: The mechanism before it is simulated.
@@ -90,16 +96,16 @@ class JointEffect(Effect):
 
 
 class FigureEffect(JointEffect):
-    """An effect that adds to figures of the joint's law, one parameter per figure.
+    """An effect whose parameters each change one row of `MechanismSetup.law`.
 
     Attributes:
-        figures: Name of each parameter's figure in `MechanismSetup.law`.
+        figures: Name of the row in `MechanismSetup.law` for each parameter.
     """
 
     figures: ClassVar[Mapping[str, str]]
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Add every parameter to its figure; shapes replace it."""
+        """Add each amplitude to its row of the law; a shape parameter replaces the value there."""
         for parameter in self.parameters:
             row = setup.law[self.figures[parameter.name]]
             row[joint] = values[parameter.name] + (row[joint] if parameter.amplitude else 0.0)

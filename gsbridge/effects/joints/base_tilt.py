@@ -1,4 +1,4 @@
-"""A base that stands askew."""
+"""A base that is not level."""
 
 from collections.abc import Mapping
 
@@ -8,7 +8,7 @@ from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
 
 
 class BaseTilt(JointEffect):
-    """A base that stands askew, about its two horizontal axes."""
+    """A base that is tilted about its two horizontal axes."""
 
     name = "base_tilt"
     title = "a tilted base"
@@ -23,7 +23,7 @@ class BaseTilt(JointEffect):
     tell_apart = "turn the first joint by 180 degrees"
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Both axes, both signs."""
+        """Return a typical tilt about each axis, with both signs."""
         return tuple({"about_x": a, "about_y": b} for a, b in ((0.02, 0), (-0.02, 0), (0, 0.02), (0, -0.02)))
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:

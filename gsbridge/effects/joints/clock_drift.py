@@ -1,4 +1,4 @@
-"""A clock of the measurements that runs too fast or too slow."""
+"""A clock of the measured motion that runs too fast or too slow."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,7 @@ from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
 
 
 class ClockDrift(JointEffect):
-    """Positions and speeds whose time stamps run away from those of the commands; efforts' do not, as of another device."""
+    """Time stamps of positions and speeds that drift against those of commands and efforts, which another device logs."""
 
     name = "clock_drift"
     title = "a clock drift of the measured motion"
@@ -21,5 +21,5 @@ class ClockDrift(JointEffect):
     instead = "Correct the time stamps in the log, or synchronise the clocks; no policy needs to learn it"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Stretch the logged motion."""
+        """Stretch the logged motion in time."""
         setup.restamp_motion(lambda time: time * (1.0 - values["drift"]))

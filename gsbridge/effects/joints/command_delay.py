@@ -1,4 +1,4 @@
-"""Dead time between command and controller."""
+"""A dead time between command and controller."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,7 @@ from gsbridge.effects.joints.base import DRIVEN, JointEffect, MechanismSetup, Pa
 
 
 class CommandDelay(JointEffect):
-    """Dead time between command and controller, of all joints."""
+    """A dead time between command and controller, equal for all joints."""
 
     name = "command_delay"
     title = "latency of the commands"
@@ -14,11 +14,11 @@ class CommandDelay(JointEffect):
     scope = "mechanism"
     parameters = (Parameter("time", "s", 0.0, 0.4, 0.005, True, "from a command to the controller"),)
     modes = DRIVEN
-    sizes = (1.0, 6.0, 40.0, 250.0, 1000.0, 2500.0, 5000.0)  # a delay that shows at microseconds may be a quarter of a second
+    sizes = (1.0, 6.0, 40.0, 250.0, 1000.0, 2500.0, 5000.0)  # microseconds may show, yet the true time may be 0.25 s
     signature = "position error follows the speed; sharp at steps"
     confused_with = ("lag", "clock_offset")
     tell_apart = "a square wave; compare with the command's echo"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Shift the commands."""
+        """Delay the commands."""
         setup.delay_commands(values["time"])

@@ -21,5 +21,5 @@ class CoulombAsym(FigureEffect):
     contains = ("coulomb",)
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Either direction rubs more, or both alike."""
+        """Return two sets of typical size: more friction forwards, and more friction backwards."""
         return tuple({"torque": 0.1, "skew": skew} for skew in (0.05, -0.05))

@@ -1,4 +1,4 @@
-"""Another damping of all controllers than stated."""
+"""A damping that differs from the stated one by the same share in the controllers of all joints."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,7 @@ from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
 
 
 class Damping(JointEffect):
-    """Damping of all joints' controllers differs from what is stated by one share: servos of one kind have the same error."""
+    """A damping that is wrong by the same share in the controllers of all joints, as servos of one kind have the same error."""
 
     name = "damping"
     title = "another damping of all joints' controllers"
@@ -19,5 +19,5 @@ class Damping(JointEffect):
     tell_apart = "steps: a lag leaves the swing after them as it is"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Scale the damping."""
+        """Scale the damping of all joints' controllers."""
         setup.law["damping"] *= 1.0 + values["change"]

@@ -1,10 +1,10 @@
-"""An encoder disc that sits off its axis."""
+"""An encoder disc whose centre is off its axis."""
 
 from gsbridge.effects.joints.base import FigureEffect, Parameter
 
 
 class Eccentricity(FigureEffect):
-    """An encoder disc that sits off its axis."""
+    """An encoder disc whose centre is off its axis."""
 
     name = "eccentricity"
     title = "an eccentric encoder"
@@ -21,5 +21,5 @@ class Eccentricity(FigureEffect):
     tell_apart = "turn far; the effort hardly shows it"
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Both parts, both signs."""
+        """Return the sine and the cosine part alone at typical size, with both signs."""
         return tuple({"sine": a, "cosine": b} for a, b in ((0.003, 0), (-0.003, 0), (0, 0.003), (0, -0.003)))

@@ -1,10 +1,10 @@
-"""A wrong scale of the encoder."""
+"""A wrong scale factor of the encoder."""
 
 from gsbridge.effects.joints.base import FigureEffect, Parameter
 
 
 class EncoderScale(FigureEffect):
-    """A wrong scale of the encoder."""
+    """A wrong scale factor of the encoder."""
 
     name = "encoder_scale"
     title = "a wrong scale of the encoder"

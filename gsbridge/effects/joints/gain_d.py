@@ -1,4 +1,4 @@
-"""Another damping of the controller than stated."""
+"""A controller damping that differs from the stated one."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,7 @@ from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
 
 
 class GainD(JointEffect):
-    """Another damping of the controller than stated."""
+    """A controller damping that differs from the stated one."""
 
     name = "gain_d"
     title = "another damping of the controller"
@@ -18,5 +18,5 @@ class GainD(JointEffect):
     tell_apart = "log command and effort; move at several constant speeds"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Scale the damping."""
+        """Scale the damping of the joint's controller."""
         setup.law["damping"][joint] *= 1.0 + values["change"]

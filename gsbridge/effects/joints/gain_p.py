@@ -1,4 +1,4 @@
-"""Another stiffness of the controller than stated."""
+"""A controller stiffness that differs from the stated one."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,7 @@ from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
 
 
 class GainP(JointEffect):
-    """Another stiffness of the controller than stated."""
+    """A controller stiffness that differs from the stated one."""
 
     name = "gain_p"
     title = "another stiffness of the controller"
@@ -18,5 +18,5 @@ class GainP(JointEffect):
     tell_apart = "log position error and effort"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Scale the stiffness."""
+        """Scale the stiffness of the joint's controller."""
         setup.law["stiffness"][joint] *= 1.0 + values["change"]

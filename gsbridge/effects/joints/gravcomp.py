@@ -1,4 +1,4 @@
-"""A controller that carries another share of the weight."""
+"""A gravity compensation that differs from the stated one."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,7 @@ from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
 
 
 class Gravcomp(JointEffect):
-    """A controller that carries another share of the weight of every joint."""
+    """A controller that compensates a wrong share of the weight, the same error at every joint."""
 
     name = "gravcomp"
     title = "another share of the weight carried by the controller"
@@ -19,5 +19,5 @@ class Gravcomp(JointEffect):
     tell_apart = "change the controller's gain"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Change the share of all joints."""
+        """Change the compensated share of the weight at all joints."""
         setup.law["gravity_share"] += values["change"]

@@ -17,5 +17,5 @@ class LinkMass(JointEffect):
     tell_apart = "compare static with fast motion"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Scale the link."""
+        """Scale mass and inertia of the link."""
         setup.scale_link(joint, 1.0 + values["change"])

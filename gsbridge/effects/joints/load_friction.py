@@ -1,10 +1,10 @@
-"""Friction that grows with the load."""
+"""Dry friction that grows with the torque on the joint."""
 
 from gsbridge.effects.joints.base import FigureEffect, Parameter
 
 
 class LoadFriction(FigureEffect):
-    """Friction that grows with the load."""
+    """Dry friction that grows with the torque on the joint."""
 
     name = "load_friction"
     title = "friction that grows with the load"

@@ -1,4 +1,4 @@
-"""A mass at the last link that the model does not know."""
+"""A mass at the last link that the model does not contain."""
 
 from collections.abc import Mapping
 
@@ -8,7 +8,7 @@ from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
 
 
 class Payload(JointEffect):
-    """A point mass in the frame of the last link, always with its place."""
+    """A point mass at a position in the frame of the last link."""
 
     name = "payload"
     title = "an unknown payload"
@@ -26,10 +26,10 @@ class Payload(JointEffect):
     tell_apart = "static poses; turn the wrist"
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Payloads at the frame's origin and a hand's breadth from it on each side."""
+        """Return payloads of typical mass at the frame's origin and 0.15 m from it along each axis, both ways."""
         places = ((0, 0, 0), (0.15, 0, 0), (-0.15, 0, 0), (0, 0.15, 0), (0, -0.15, 0), (0, 0, 0.15), (0, 0, -0.15))
         return tuple({"mass": 0.05, "x": float(x), "y": float(y), "z": float(z)} for x, y, z in places)
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Add the mass."""
+        """Add the point mass."""
         setup.add_payload(values["mass"], np.array([values["x"], values["y"], values["z"]]))

@@ -1,10 +1,10 @@
-"""Quadratic drag."""
+"""Drag that grows with the square of the speed."""
 
 from gsbridge.effects.joints.base import FigureEffect, Parameter
 
 
 class QuadraticDrag(FigureEffect):
-    """Quadratic drag."""
+    """Drag that grows with the square of the speed."""
 
     name = "quadratic_drag"
     title = "quadratic drag"

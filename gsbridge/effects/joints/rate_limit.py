@@ -1,4 +1,4 @@
-"""Commands that may not change faster than some speed."""
+"""A speed limit on the command of one joint."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,7 @@ from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
 
 
 class RateLimit(JointEffect):
-    """Commands of one joint that may not change faster than some speed."""
+    """A speed limit on the command of one joint."""
 
     name = "rate_limit"
     title = "a speed limit on the commands"
@@ -21,6 +21,6 @@ class RateLimit(JointEffect):
     tell_apart = "a smaller amplitude makes it vanish"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Limit the joint's command."""
+        """Limit the speed of the joint's command."""
         if values["slowness"] > 0:
             setup.limit_commands(joint, values["slowness"])

@@ -1,10 +1,10 @@
-"""Torque ripple of motor and gear: cogging, harmonic drives."""
+"""Torque ripple of motor and gear, such as cogging or the ripple of harmonic drives."""
 
 from gsbridge.effects.joints.base import FigureEffect, Parameter
 
 
 class Ripple(FigureEffect):
-    """Torque ripple of motor and gear: cogging, harmonic drives."""
+    """Torque ripple of motor and gear, such as cogging or the ripple of harmonic drives."""
 
     name = "ripple"
     title = "torque ripple"
@@ -22,7 +22,7 @@ class Ripple(FigureEffect):
     tell_apart = "slow constant speed: an eccentric encoder leaves the effort alone"
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Wave numbers are tried one by one: a fit does not find its way from one to the next."""
+        """Return sets with each of several wave numbers, since a fit cannot move from one wave number to the next."""
         waves = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 16.0)
         parts = ((0.1, 0.0), (0.0, 0.1))
         return tuple({"sine": a, "cosine": b, "waves": k} for k in waves for a, b in parts)

@@ -1,4 +1,4 @@
-"""A motor that gives less torque than it is asked for."""
+"""A limit of the motor's torque."""
 
 from collections.abc import Mapping
 
@@ -21,7 +21,7 @@ class Saturation(JointEffect):
     tell_apart = "a smaller amplitude makes it vanish"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Lower the limit."""
+        """Lower the joint's torque limit, if it is higher."""
         if values["weakness"] > 0:
             row = setup.law["torque_limit"]
             row[joint] = min(row[joint], 1.0 / values["weakness"])

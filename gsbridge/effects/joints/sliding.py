@@ -1,7 +1,7 @@
-"""Effects of joints that slide instead of turning: the same laws, in metres and newtons.
+"""Effects on prismatic joints: the laws of revolute joints, in metres and newtons.
 
-A joint that slides is taken for one that turns a wheel of some radius on a rack: angles become metres, torques newtons, and
-what is likely or makes sense is what would be at that wheel.
+A prismatic joint is treated as a revolute one that drives a wheel of radius `WHEEL` on a rack: angles become metres and torques
+become newtons. The bounds and typical sizes of parameters are converted from the wheel's in the same way.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from gsbridge.effects.joints.base import JointEffect
 from gsbridge.effects.registry import Registry
 
 WHEEL = 0.1
-"""Radius of the wheel, m: a newton metre becomes ten newtons, a radian ten centimetres."""
+"""Radius of the wheel, m: 1 N m becomes 10 N, and 1 rad becomes 0.1 m."""
 
 UNITS = {
     "rad": ("m", 1),
@@ -28,16 +28,17 @@ UNITS = {
     "rad/(N m)": ("m/N", 2),
     "kg m2": ("kg", -2),
 }
-"""Unit at a joint that slides of each unit that has an angle or a torque in it, and power of the wheel's radius in it."""
+"""Unit at a prismatic joint for each unit that contains an angle or a torque, and the power of the wheel's radius by which
+values are multiplied."""
 
 WORDS = {"torque": "force", "angle": "position", "inertia": "mass"}
-"""Names of parameters in sentences about such a joint; files keep the effect's own."""
+"""Names of parameters in sentences about a prismatic joint; files keep the names of the revolute effect."""
 
 
 def _at_the_wheel(parameter: Parameter) -> tuple[str, float]:
-    """Unit of a parameter at a joint that slides, and the factor of its figures."""
+    """Return the unit of a parameter at a prismatic joint, and the factor that converts its values."""
     unit, power = ("rad/m", -1) if parameter.per_angle else UNITS.get(parameter.unit, (parameter.unit, 0))
-    # Rounding to the digits of the catalogue, so that a tenth stays one.
+    # Rounding removes floating-point dust, so that 0.1 stays 0.1.
     return unit, float(f"{WHEEL**power:.12g}")
 
 
@@ -46,7 +47,7 @@ def _at(value: float, factor: float) -> float:
 
 
 def _sliding(kind: type[JointEffect]) -> type[JointEffect]:
-    """The same effect at a joint that slides."""
+    """Derive the class of an effect on prismatic joints from that on revolute joints."""
     turning = kind()
     factors = {parameter.name: _at_the_wheel(parameter)[1] for parameter in turning.parameters}
     parameters = tuple(
@@ -61,11 +62,11 @@ def _sliding(kind: type[JointEffect]) -> type[JointEffect]:
     )
 
     def directions(_: JointEffect) -> tuple[dict[str, float], ...]:
-        """The parameters of the same effect at a joint that turns, at its wheel."""
+        """Convert the start directions of the revolute effect."""
         return tuple({name: _at(value, factors[name]) for name, value in row.items()} for row in turning.directions())
 
     def called(_: JointEffect, parameter: str) -> str:
-        """What is a torque at a joint that turns is a force here."""
+        """Name a parameter in the terms of a prismatic joint, such as force for torque."""
         return WORDS.get(parameter, parameter)
 
     changed = {"parameters": parameters, "directions": directions, "called": called}
@@ -75,4 +76,4 @@ def _sliding(kind: type[JointEffect]) -> type[JointEffect]:
 SLIDING_EFFECTS: Registry[JointEffect] = Registry(
     *(_sliding(type(effect)) for effect in JOINT_EFFECTS.values() if effect.scope == "joint" and not effect.turns)
 )
-"""Effects on one joint as they are at a joint that slides; those on the whole mechanism do not differ."""
+"""Effects on a single prismatic joint; effects on the whole mechanism are the same for both kinds of joint."""

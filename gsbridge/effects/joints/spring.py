@@ -3,7 +3,7 @@
 from gsbridge.effects.joints.base import FigureEffect, Parameter
 
 _APART = 1.0
-"""Angle between the rests at which a spring's signatures are made, rad; sums of them give all rests."""
+"""Distance between the rest angles at which signatures are simulated, rad; weighted sums of them give every rest angle."""
 
 
 class Spring(FigureEffect):
@@ -22,5 +22,5 @@ class Spring(FigureEffect):
     tell_apart = "unplug or re-route the cable"
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Springs that rest in the middle, and on either side of it: a spring that rests aside pulls mostly one way."""
+        """Return springs with rest angles of zero and `_APART` on either side; an off-centre spring pulls mostly one way."""
         return tuple({"stiffness": 0.2, "rest": rest} for rest in (0.0, _APART, -_APART))

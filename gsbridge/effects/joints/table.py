@@ -28,6 +28,6 @@ class Table(JointEffect):
     instead = "Register the table, or keep the commands above it"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Lay the surface."""
+        """Add the surface to the setup."""
         if values["stiffness"] > 0.0:
             setup.lay_surface(values["height"], values["stiffness"])

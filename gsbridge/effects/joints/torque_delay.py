@@ -1,10 +1,10 @@
-"""Dead time of the drive."""
+"""A dead time of the drive."""
 
 from gsbridge.effects.joints.base import DRIVEN, FigureEffect, Parameter
 
 
 class TorqueDelay(FigureEffect):
-    """Dead time of the drive."""
+    """A dead time of the drive."""
 
     name = "torque_delay"
     title = "dead time of the drive"

@@ -1,10 +1,10 @@
-"""Wrong scale of the torque."""
+"""A wrong scale factor of the torque."""
 
 from gsbridge.effects.joints.base import DRIVEN, FigureEffect, Parameter
 
 
 class TorqueGain(FigureEffect):
-    """Wrong scale of the torque."""
+    """A wrong scale factor of the torque."""
 
     name = "torque_gain"
     title = "wrong scale of the torque"

@@ -1,10 +1,10 @@
-"""A slow drive."""
+"""A first-order lag of the drive's torque."""
 
 from gsbridge.effects.joints.base import DRIVEN, FigureEffect, Parameter
 
 
 class TorqueLag(FigureEffect):
-    """A slow drive."""
+    """A first-order lag of the drive's torque."""
 
     name = "torque_lag"
     title = "a slow drive"

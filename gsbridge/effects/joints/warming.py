@@ -1,10 +1,10 @@
-"""Friction that changes while running."""
+"""Friction that changes over time, such as while the arm warms up."""
 
 from gsbridge.effects.joints.base import FigureEffect, Parameter
 
 
 class Warming(FigureEffect):
-    """Friction that changes while running."""
+    """Friction that changes over time, such as while the arm warms up."""
 
     name = "warming"
     title = "friction that changes while running"
