@@ -1,1 +1,1 @@
-"""What changed between two sets of photos of the same views."""
+"""Diagnosis of what changed between two sets of photos of the same views."""

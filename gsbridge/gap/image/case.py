@@ -1,4 +1,4 @@
-"""A user's case of pictures: a YAML file that names the simulation's model and photos of two days; its photos as one file."""
+"""A user's case of camera images: the YAML file that names model and photos, and the file into which photos are packed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gsbridge.geometry import Array
 from gsbridge.sim.model import read_model
 
 PHOTOS = "photos"
-"""Section of a case that makes it one of pictures, and its mode in `records.json`."""
+"""Name of the section that marks a case as one of camera images; also its mode in `records.json`."""
 
 _PAGE = "docs/gap_images.md"
 _KEYS = ("model", PHOTOS, "effects")
@@ -34,15 +34,15 @@ _ARRAYS = ("before", "again", "after", "depths", "poses")
 
 @dataclass(frozen=True)
 class ImageCase:
-    """A case of pictures, checked.
+    """A checked case of camera images.
 
     Args:
-        model: The simulation's model, which gets what is named.
+        model: Model file of the simulation, to which the named effects are added.
         pairs: Photos by role.
-        names: Effects that may be the reason; None for all.
-        reasons: Why its result is degraded.
-        registration: Drawn pictures and photos of the day on which all was well, where photos are held against drawn pictures;
-            None where they are held against earlier photos of the same views.
+        names: Effects among which the diagnosis searches; None for all.
+        reasons: Reasons why the result is degraded; empty if it is not.
+        registration: Rendered images and photos of the registration's day, when all was well, if photos are compared with
+            rendered images; None if they are compared with earlier photos of the same views.
     """
 
     model: Path
@@ -53,7 +53,7 @@ class ImageCase:
 
 
 def read_image_case(path: str | Path) -> ImageCase:
-    """Read and check a case of pictures.
+    """Read and check a case of camera images.
 
     Raises:
         InputError: The file, the simulation's model or the photos cannot be used.
@@ -83,11 +83,11 @@ def read_image_case(path: str | Path) -> ImageCase:
 
 
 def save_pairs(path: str | Path, pairs: Mapping[str, Pairs]) -> None:
-    """Write photos that were read from files, whole or not at all.
+    """Write photos that were read from files into one file, atomically.
 
     Args:
-        path: The file (`.npz`).
-        pairs: Photos by role, taken by a camera that stood.
+        path: File to write (`.npz`).
+        pairs: Photos by role, taken by a camera at rest: tracks and times are not stored.
     """
     arrays: dict[str, Array] = {}
     plain = {}
@@ -100,7 +100,7 @@ def save_pairs(path: str | Path, pairs: Mapping[str, Pairs]) -> None:
 
 
 def load_pairs(path: str | Path) -> dict[str, Pairs]:
-    """Read photos back, as they were.
+    """Read the photos that `save_pairs` wrote.
 
     Raises:
         InputError: The file is missing or damaged.

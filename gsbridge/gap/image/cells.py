@@ -1,4 +1,4 @@
-"""Mean residuals of pictures by place: by cell of the world, or by cell of the image where no earlier view shows the place."""
+"""Mean residuals by place: by cell of the world, or by cell of the image where no earlier view shows that part of the world."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _CELL = 0.012
 """Edge of the cells of the world, m."""
 
 _IMAGE_CELLS = 8
-"""Cells along the height of the image."""
+"""Number of cells along the height of the image."""
 
 _PRIOR = 2.0
-"""Weight, in views, of what is assumed about a cell that no view shows: mean zero, and the mean variance of all cells."""
+"""Weight of the prior of each cell, in views: a mean of zero, and the mean variance of all cells."""
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class Cells:
     """Means and variances of residuals by cell.
 
     Args:
-        keys: Numbers of the cells, rising. [C].
+        keys: Numbers of the cells, in ascending order. [C].
         means: Mean residual of each cell, shrunk towards zero. [C, 3].
-        variances: Variance of a pixel about that mean in a new view, one that was not averaged over. [C].
+        variances: Variance of a pixel about that mean in a new view, which is not part of the average. [C].
     """
 
     keys: Array
@@ -37,11 +37,11 @@ class Cells:
 
     @classmethod
     def learn(cls, keys: Sequence[Array], values: Sequence[Array]) -> Cells:
-        """Average over views.
+        """Learn means and variances by averaging over views.
 
         Args:
             keys: Cell of each compared pixel of every view. [P] each.
-            values: Residual there. [P, 3] each.
+            values: Residuals of these pixels. [P, 3] each.
         """
         whole, of_view = np.unique(np.concatenate([np.unique(view) for view in keys]), return_counts=True)
         sums, squares, counts = np.zeros((len(whole), 3)), np.zeros(len(whole)), np.zeros(len(whole))
@@ -53,14 +53,14 @@ class Cells:
             squares += np.bincount(place, (value.astype(np.float64) ** 2).mean(axis=1), len(whole))
             counts += pixels
         means = sums / (of_view + _PRIOR)[:, None]
-        # About the shrunk mean; in another view it is wrong by its own spread, too.
+        # Variance about the shrunk mean; for a new view, the variance of that mean is added below.
         raw = np.maximum(squares / counts - (means * (2.0 * sums / of_view[:, None] - means)).mean(axis=1), 0.0)
         usual = float((raw * counts).sum() / counts.sum())
         spread = (of_view * raw * (1.0 + 1.0 / of_view) + _PRIOR * usual) / (of_view + _PRIOR)
         return cls(whole, means, spread)
 
     def at(self, keys: Array) -> tuple[Array, Array, Array]:
-        """Mean and variance of the cell of each pixel, and whether that cell was seen. [P, 3], [P], [P] bool."""
+        """Return mean and variance of the cell of each pixel, and whether that cell was seen. [P, 3], [P], [P] bool."""
         place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
         known = self.keys[place] == keys
         return np.where(known[:, None], self.means[place], 0.0), np.where(known, self.variances[place], 0.0), known
@@ -68,7 +68,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Lack:
-    """Residuals by place: by cell of the world where a view has shown it, by cell of the image elsewhere.
+    """What rendered images lack, by place: by cell of the world where a view has shown it, by cell of the image elsewhere.
 
     Args:
         world: Cells of the world.
@@ -80,12 +80,12 @@ class Lack:
 
     @classmethod
     def learn(cls, view: ImageResiduals, apart: Array, chosen: Sequence[int]) -> Lack:
-        """Average the residuals of some views.
+        """Learn from the residuals of some views.
 
         Args:
-            view: Drawn pictures and photos.
-            apart: Photos minus drawn pictures, encoded, at the size at which they are compared. [N, h, w, 3].
-            chosen: Numbers of the views that count.
+            view: Rendered images and photos.
+            apart: Photos minus rendered images, encoded, at the size at which they are compared. [N, h, w, 3].
+            chosen: Numbers of the views to learn from.
         """
         inside = [view.mask[n] > 0 for n in chosen]
         values = [apart[n][kept] for n, kept in zip(chosen, inside, strict=True)]
@@ -96,7 +96,7 @@ class Lack:
         )
 
     def at(self, view: ImageResiduals) -> tuple[Array, Array]:
-        """Mean and variance of the residual that is expected in each compared pixel of some views. [N, h, w, 3], [N, h, w]."""
+        """Return mean and variance of the residual expected in each pixel of some views. [N, h, w, 3], [N, h, w]."""
         mean, variance, known = self.world.at(world_cells(view).ravel())
         elsewhere, wide, _ = self.image.at(image_cells(view).ravel())
         mean, variance = np.where(known[:, None], mean, elsewhere), np.where(known, variance, wide)
@@ -104,7 +104,7 @@ class Lack:
 
 
 def world_cells(view: ImageResiduals) -> Array:
-    """Number of the cell of the world that each pixel sees. [N, h, w] int64."""
+    """Return the number of the world cell that each pixel shows. [N, h, w] int64."""
     pairs, out = view.pairs, []
     for depth, pose in zip(view.expectation.depths, pairs.poses, strict=True):
         points = CameraFrame(pairs.camera, 0.0, depth, pose).points
@@ -114,7 +114,7 @@ def world_cells(view: ImageResiduals) -> Array:
 
 
 def image_cells(view: ImageResiduals) -> Array:
-    """Number of the cell of the image that each pixel lies in. [N, h, w] int64."""
+    """Return the number of the image cell that contains each pixel. [N, h, w] int64."""
     _, height, width = view.shape
     edge = max(1, height // _IMAGE_CELLS)
     cells = (np.arange(height) // edge)[:, None] * 4096 + np.arange(width) // edge

@@ -1,4 +1,4 @@
-"""From photos of two days, or drawn pictures and photos, to findings: noise, compare, screen, identify, verify."""
+"""Diagnosis of photos against earlier photos or rendered images: learn the noise, identify effects, verify them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gsbridge.geometry import Array
 UNSTEADY = "second photos of the same views differ by more than noise: the camera, the light or the robot is not steady"
 
 SPLAT_RULES = Rules(most=2)
-"""Thresholds where photos are held against drawn pictures: of three effects at once, one is the model's error."""
+"""Thresholds for photos compared with rendered images. At most two effects are named: a third would fit the model error."""
 
 UNPROVEN = "names against drawn pictures are not proven yet: in the mirror a wrong one was seen; see docs/gap_images.md"
 FEW = "few photos of the day on which all was well: what drawn pictures lack is known roughly"
@@ -33,12 +33,12 @@ FEW = "few photos of the day on which all was well: what drawn pictures lack is 
 def diagnose_images(
     pairs: Mapping[str, Pairs], *, names: Collection[str] | None = None, rules: Rules | None = None, seed: int = 0
 ) -> Diagnosis:
-    """Find out what changed between photos.
+    """Diagnose what changed between earlier and later photos of the same views.
 
     Args:
-        pairs: Photos by role: `fit`, `select`, `verify`; each has other views.
-        names: Effects that may be the reason; None for all image effects.
-        rules: Thresholds.
+        pairs: Photos by role: `fit`, `select`, `verify`; each role has views of its own.
+        names: Effects among which the diagnosis searches; None for all image effects.
+        rules: Thresholds; None for the default ones.
         seed: Seed of replicates.
 
     Raises:
@@ -61,13 +61,13 @@ def diagnose_splats(
     rules: Rules | None = None,
     seed: int = 0,
 ) -> Diagnosis:
-    """Find out what makes photos differ from drawn pictures of the same states by more than drawn pictures always lack.
+    """Diagnose why photos differ from rendered images of the same states by more than the model error of the renderings.
 
     Args:
-        pairs: Drawn pictures (`before`, `again`) and photos (`after`) by role.
-        error: What drawn pictures lack, from photos of the day on which all was well.
-        names: Effects that may be the reason; None for all image effects.
-        rules: Thresholds.
+        pairs: Rendered images (`before`, `again`) and photos (`after`) by role.
+        error: Model error of rendered images, learnt from photos of the registration's day.
+        names: Effects among which the diagnosis searches; None for all image effects.
+        rules: Thresholds; None for `SPLAT_RULES`.
         seed: Seed of replicates.
     """
     begin = time.perf_counter()
@@ -83,15 +83,15 @@ def _diagnosed(
     begin: float,
     floor: Mapping[str, float],
 ) -> Diagnosis:
-    """Diagnose photos of all roles in units of their noise, or of the model's error.
+    """Identify effects on the roles `fit` and `select`, and verify them on `verify`.
 
     Args:
-        views: Residuals by role.
-        names: Effects that may be the reason; None for all.
+        views: Residuals by role, in units of the noise or of the model error.
+        names: Effects among which the diagnosis searches; None for all.
         rules: Thresholds.
         seed: Seed of replicates.
-        begin: When the diagnosis began, as `time.perf_counter` has it.
-        floor: What findings say about the noise.
+        begin: Start of the diagnosis, a value of `time.perf_counter`, s.
+        floor: Levels of the noise or model error, for the findings.
     """
     finding = ImageIdentification(views["fit"], views["select"], image_candidates(names), rules, seed).run()
     verification = None
@@ -105,15 +105,15 @@ def _diagnosed(
 
 
 def verify_images(view: ImageResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
-    """Judge effects on views that neither fitting nor choosing has seen.
+    """Judge effects on held-out views that were used neither for fitting nor for choosing.
 
     Args:
-        view: Photos of the role `verify` and the noise.
-        effects: What was found on the other roles.
-        rng: Random numbers of the null distribution.
+        view: Residuals on the role `verify`.
+        effects: Effects that were found on the other roles.
+        rng: Random numbers for the null distribution.
 
     Returns:
-        The gap with and without the effects, overall and by channel, and how likely what remains is noise.
+        The gap without and with the effects, overall and by channel, and the p-value of what remains.
     """
     before, after = view.residual(), view.residual(effects)
     sizes = [view.size_of(table) for table in (before, after)]
@@ -125,15 +125,15 @@ def verify_images(view: ImageResiduals, effects: Sequence[Applied], rng: np.rand
 
 
 def unsteady(pairs: Mapping[str, Pairs], rules: Rules | None = None, seed: int = 0) -> tuple[str, ...]:
-    """Why a result is degraded: the repeated photos of a view differ from the first ones by more than noise.
+    """Check that repeated photos of a view differ from the first ones by no more than noise.
 
     Args:
         pairs: Photos by role.
-        rules: Limits of the diagnosis; the default ones when None.
+        rules: Thresholds; None for the default ones.
         seed: Seed of the null distribution.
 
     Returns:
-        The reason, or nothing where the photos are steady.
+        The reason why a diagnosis is degraded; empty if the photos are steady.
     """
     noise = learn_noise([pairs[role] for role in ROLES])
     rng, chances = np.random.default_rng(seed), []
@@ -144,17 +144,22 @@ def unsteady(pairs: Mapping[str, Pairs], rules: Rules | None = None, seed: int =
 
 
 def few_photos(registration: Pairs) -> tuple[str, ...]:
-    """Why a diagnosis against drawn pictures is degraded: fewer photos than tell what these lack.
+    """Return the reasons why a diagnosis against rendered images is degraded, such as few photos to learn the model error.
 
     Raises:
-        InputError: There are too few for any.
+        InputError: There are too few photos for any diagnosis.
     """
     check_enough(registration)
     return (UNPROVEN, FEW) if len(registration) < ENOUGH else (UNPROVEN,)
 
 
 def channel_sizes(view: ImageResiduals, table: Array) -> dict[str, float]:
-    """Root mean square of pictures and of their noise in a residual, in units of the noise. [N * h + N, 3 * w]."""
+    """Return the root mean squares of the image part and the noise part of a residual, in units of the noise.
+
+    Args:
+        view: The views that the residual belongs to.
+        table: Residual, as from `ImageResiduals.residual`. [N * h + N, 3 * w].
+    """
     pictures, noise = view.pictures(table), view.noise_part(table)
     measured = max(int((noise != 0).sum()), 1)
     return {
@@ -164,7 +169,7 @@ def channel_sizes(view: ImageResiduals, table: Array) -> dict[str, float]:
 
 
 class ImageAccount(Account):
-    """Puts findings about pictures into words and figures."""
+    """Report of findings on camera images in words and numbers."""
 
     effects = IMAGE_EFFECTS
     agree = "Earlier and later photos agree within the noise (p = {p:.2g})."
@@ -173,6 +178,6 @@ class ImageAccount(Account):
 
 
 class SplatAccount(ImageAccount):
-    """Account of photos that are held against drawn pictures."""
+    """Report of findings for photos that are compared with rendered images."""
 
     agree = "Photos differ from drawn pictures by no more than on the day of the registration (p = {p:.2g})."

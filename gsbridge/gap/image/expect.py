@@ -1,4 +1,4 @@
-"""What earlier photos would look like after a change of the camera's pose, lens or response.
+"""Expected photos: earlier photos as they would look after a change of the camera's pose, lens or response.
 
 The change is computed on an almost noise-free copy of the photo, made with further photos of the view. The light of each pixel
 is moved according to its depth, so that detail and shading stay as they are. The difference is then added to the photo. If
@@ -43,9 +43,10 @@ _KEPT = 4
 
 
 def _clean(photo: Array, other: Array, strength: float) -> Array:
-    """A photo with little noise and its detail. [H, W, 3].
+    """Denoise a photo but keep its detail. [H, W, 3].
 
-    Smoothing takes fine texture for noise; of what it takes away, the share that another photo of the view shows too is kept.
+    Smoothing also removes fine texture. That share of the removed signal which another photo of the view shows as well is
+    added back.
 
     Source: Buades, Coll and Morel, Non-local means denoising, Image Processing On Line 1, 2011.
     """
@@ -68,7 +69,7 @@ class Expectation:
         self.pairs = pairs
         self.depths = np.nan_to_num(pairs.depths, nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32)
         known = self.depths > 0
-        # Where it is unknown nothing is compared; some depth must stand there all the same.
+        # Pixels of unknown depth are not compared, but the warp needs some depth everywhere.
         self.depths = np.where(known, self.depths, np.median(self.depths[known]) if known.any() else 1.0).astype(np.float32)
         self._known = None if known.all() else known.astype(np.float32)
         self.clean = pairs.before if pairs.drawn else np.stack(
@@ -79,18 +80,18 @@ class Expectation:
         self._kept: OrderedDict[tuple[object, ...], tuple[Array, Array]] = OrderedDict()
 
     def photos(self, how: Shooting) -> Array:
-        """Encoded photos, without noise of their own. [N, H, W, 3] float32."""
+        """Return the expected encoded photos; their only noise is that of the earlier photos. [N, H, W, 3] float32."""
         light, pairs = self._seen(how)[0], self.pairs
         self.pictures += 1
         changed = np.stack([develop(light[n], self._frame(n, how), how) for n in range(len(pairs))])
         return pairs.before + (changed - self.clean)
 
     def shown(self, how: Shooting) -> Array:
-        """Whether a pixel shows something that the earlier photo shows, too, and not what lay outside it. [N, H, W] bool."""
+        """Mask the pixels whose content is visible in the earlier photo, too. [N, H, W] bool."""
         return self._seen(how)[1]
 
     def flat(self, how: Shooting) -> Array:
-        """Expected photos of a camera that was not moved or defocused, to measure noise in. [N, H, W, 3] float32."""
+        """Return the expected photos without motion or defocus, in which noise can be measured. [N, H, W, 3] float32."""
         still = replace(how, mount=np.eye(4), focal=1.0, distortion=np.zeros(2), delay=0.0, row_time=0.0, exposure_time=0.0)
         still = replace(still, blur=0.0)
         return np.stack([develop(self._before[n], self._frame(n, still), still) for n in range(len(self.pairs))])
@@ -106,7 +107,7 @@ class Expectation:
         return CameraFrame(pairs.camera, time, self.depths[n], how.mount @ pairs.poses[n])
 
     def _seen(self, how: Shooting) -> tuple[Array, Array]:
-        """Linear light that reaches the sensor, and where the earlier photo has it. [N, H, W, 3], [N, H, W]."""
+        """Return the linear light at the sensor, and where the earlier photo shows it. [N, H, W, 3], [N, H, W] bool."""
         moving = (how.delay, how.row_time, how.exposure_time) if self.pairs.track is not None else (0.0, 0.0, 0.0)
         key = (*moving, how.focal, how.mount.tobytes(), how.distortion.tobytes())
         if key == (0.0, 0.0, 0.0, 1.0, np.eye(4).tobytes(), np.zeros(2).tobytes()):
@@ -119,14 +120,14 @@ class Expectation:
                 for n in range(len(self.pairs))
             ]
             table = np.stack(whole).astype(np.float32)
-            # The mean of moments shows all of them, or less than all.
+            # The mean of the masks is 1 only where all moments of the exposure are visible.
             self._kept[key] = table[..., :3], table[..., 3] > 0.999
             if len(self._kept) > _KEPT:
                 self._kept.popitem(last=False)
         return self._kept[key]
 
     def _rays(self, how: Shooting) -> Array:
-        """Directions of the pixels behind the lens as it is now, z = 1. [H, W, 3]."""
+        """Return the viewing rays of the pixels through the changed lens, z = 1. [H, W, 3]."""
         camera = self.pairs.camera
         camera = replace(camera, fx=camera.fx * how.focal, fy=camera.fy * how.focal)
         rays = camera.pixel_rays()
@@ -135,7 +136,11 @@ class Expectation:
         return rays
 
     def _shutter(self, n: int, later: float, how: Shooting, rays: Array) -> Array:
-        """Light of one moment and where it is known: all rows at once, or strips of rows one after the other. [H, W, 4]."""
+        """Return the light of one moment and a mask of where it is known. [H, W, 4].
+
+        All rows are taken at once, or in strips one after the other if the shutter rolls. `later` is the time of the moment
+        after the time stamp, s.
+        """
         pairs, height = self.pairs, self.pairs.camera.height
         if pairs.track is None or pairs.times is None:
             return self._settled([self._warped(n, how.mount @ pairs.poses[n], rays)])
@@ -150,17 +155,24 @@ class Expectation:
 
     @staticmethod
     def _settled(strips: Sequence[tuple[Array, Array, bool]]) -> Array:
-        """Strips of rows as one photo, without what lies near a step of depth if things hide others. [H, W, 4]."""
+        """Join strips of rows; if occlusion matters, mask pixels near steps of depth. [H, W, 4]."""
         table = np.concatenate([strip[0] for strip in strips])
         if any(strip[2] for strip in strips):
             table[..., 3] *= off_steps(np.concatenate([strip[1] for strip in strips]))
         return table
 
     def _warped(self, n: int, pose: Array, rays: Array, top: int = 0) -> tuple[Array, Array, bool]:
-        """Light of a photo as a camera at another pose sees it, and 1 where the photo shows it. [h, W, 4].
+        """Warp the light of a photo to a camera at another pose.
 
-        Also the depth that is seen, 0 where it is unknown, [h, W], and whether things hide others. `rays` begin in row `top` of
-        the image.
+        Args:
+            n: Number of the photo.
+            pose: `cam_from_world` of the other camera. [4, 4].
+            rays: Its viewing rays, z = 1. [h, W, 3].
+            top: Row of the image in which `rays` begin.
+
+        Returns:
+            Light, and 1 where the photo shows it, else 0, [h, W, 4]; depth, m, 0 where unknown, [h, W]; and whether occlusion
+            matters.
         """
         camera, depth = self.pairs.camera, self.depths[n]
         old_from_new = self.pairs.poses[n] @ np.linalg.inv(pose)
@@ -169,16 +181,16 @@ class Expectation:
         far = depth[top : top + len(rays)].astype(np.float64)
         hiding = camera.fx * np.linalg.norm(old_from_new[:3, 3]) * (1.0 / depth.min() - 1.0 / depth.max()) > _HIDING
         if hiding:
-            # Begin at the nearest thing on every ray, or the search ends at what it hides.
+            # Start at the nearest surface on every ray; otherwise the search can end at a surface that this one hides.
             nearest = self._nearest(n, np.linalg.inv(old_from_new), rays)
             known = nearest > 0
             far = np.where(known, nearest, far)
-        # Along every ray, the place whose depth in the old view is what was seen there.
+        # Find, along every ray, the point whose depth in the old view equals the depth map there.
         across = down = there = deep = np.zeros(0, np.float32)
         for _ in range(_TURNS):
             places = turned * far[..., None] + old_from_new[:3, 3]
             deep = np.maximum(places[..., 2], 1e-6)
-            # OpenCV counts pixel centres from zero.
+            # OpenCV puts the centre of the first pixel at zero.
             across = (camera.fx * places[..., 0] / deep + camera.cx - 0.5).astype(np.float32)
             down = (camera.fy * places[..., 1] / deep + camera.cy - 0.5).astype(np.float32)
             there = cv2.remap(depth, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -188,7 +200,7 @@ class Expectation:
         if hiding:
             known &= np.abs(there - deep) <= _SAME * deep
         if self._known is not None:
-            # What is nowhere known may be as near as half of the rest, and hide more of it than it did.
+            # Things of unknown depth may be as near as half the median depth, and hide more in the new view than in the old.
             reach = int(np.ceil(camera.fx * np.linalg.norm(old_from_new[:3, 3]) / np.median(depth))) + 1
             sure = cv2.erode(self._known[n], np.ones((2 * reach + 1,) * 2, np.uint8))
             known &= cv2.remap(sure, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) > 0.999
@@ -197,7 +209,7 @@ class Expectation:
         return table, np.where(known, far, 0.0), bool(hiding)
 
     def _nearest(self, n: int, new_from_old: Array, rays: Array) -> Array:
-        """Depth of the nearest thing along rays of the new view, 0 where the earlier photo knows none. [h, W]."""
+        """Return the depth of the nearest surface along rays of the new view, m; 0 where the old view shows none. [h, W]."""
         camera = self.pairs.camera
         seen = seen_from(self.depths[n], camera, new_from_old)
         across = (camera.fx * rays[..., 0] + camera.cx - 0.5).astype(np.float32)

@@ -1,14 +1,14 @@
-"""Photos of two days as files: a folder that says what the views are, and a folder of photos for each day.
+"""Photos of two days as files: a folder that describes the views, and a folder of photos for each day.
 
 | path | content |
 |---|---|
-| `views.json` | `camera` (width, height, fx, fy, cx, cy) and `views`: of each its `name`, `role`, `cam_from_world` |
+| `views.json` | `camera` (width, height, fx, fy, cx, cy in px) and `views`, each with `name`, `role`, `cam_from_world` |
 | `depths.npz` | `depths`: camera z of every pixel, m, 0 where unknown. [N, H, W] |
 | `before/{name}_{k}.png` | photos while all was well, k = 0, 1, ...; two or more of each view |
-| `after/{name}_{k}.png` | photos of the same views since; the first counts |
+| `after/{name}_{k}.png` | later photos of the same views; one of them is diagnosed, by default k = 0 |
 
-Instead of photos of the same views on both days, `views/{name}.png` may be what the simulation draws of each view, and another
-folder holds photos of some views from the day of the registration, `registration/{name}_0.png`.
+Later photos can also be compared with rendered images instead of earlier photos. The folder of views then holds the rendering
+of each view, `{name}.png`, and another folder holds photos of some views from the registration's day, `{name}_0.png`.
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ _PAGE = "See docs/gap_images.md"
 
 _MEMBER = "depths.npy"
 _LARGEST_NUMBER = 16
-"""Bytes of the longest number, of which depths may be made."""
+"""Size of the widest number type in which depths may be stored, bytes."""
 _HEADER = 2**20
-"""Room for what a file of arrays holds beside the depths, bytes."""
+"""Allowance for headers and other content of the depth file, bytes."""
 
 REGISTRATION = "registration"
-"""Role of views that were photographed while all was well, and not since."""
+"""Role of views that were photographed only on the registration's day, when all was well."""
 
 
 def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot: int = 0) -> dict[str, Pairs]:
-    """Read the photos of two days.
+    """Read earlier and later photos of the same views.
 
     Args:
         views: Folder of `views.json` and `depths.npz`.
-        before: Folder of earlier photos.
-        after: Folder of later ones; it may be the same.
-        shot: Which of the later photos counts. Of the earlier ones, the first is compared and all others tell the noise,
-            without this one if both days are one.
+        before: Folder of earlier photos. The first photo of each view is compared; the others are used to learn the noise.
+        after: Folder of later photos. It may be the same folder, for a control without any change.
+        shot: Number of the later photo of each view that is diagnosed. If both folders are the same, this photo is left out of
+            the earlier ones.
 
     Raises:
-        InputError: Something is missing, damaged or of another size; the message names the file.
+        InputError: A file is missing, damaged or of the wrong size; the message names it.
     """
     views, before, after = Path(views), Path(before), Path(after)
     camera, rows, depths = read_views(views)
@@ -100,19 +100,19 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
 def read_splat_pairs(
     views: str | Path, registration: str | Path, after: str | Path, *, shot: int = 0
 ) -> tuple[Pairs, dict[str, Pairs]]:
-    """Read drawn pictures, photos of the registration's day, and later ones.
+    """Read rendered images, photos of the registration's day, and later photos.
 
     Args:
-        views: Folder of `views.json`, `depths.npz` and the drawn picture of each view, `{name}.png`.
-        registration: Folder of photos while all was well, `{name}_0.png`, of as many views as there are.
-        after: Folder of later photos, of all views that have a role.
-        shot: Which of the later photos counts.
+        views: Folder of `views.json`, `depths.npz` and the rendered image of each view, `{name}.png`.
+        registration: Folder of photos taken while all was well, `{name}_0.png`; views without such a photo are skipped.
+        after: Folder of later photos, with one of each view whose role is `fit`, `select` or `verify`.
+        shot: Number of the later photo of each view that is diagnosed.
 
     Returns:
-        Drawn pictures (`before`) and photos (`after`) of the registration's day, and later ones by role.
+        Rendered images (`before`) and photos (`after`) of the registration's day; and the same for the later photos, by role.
 
     Raises:
-        InputError: Something is missing, damaged or of another size; the message names the file.
+        InputError: A file is missing, damaged or of the wrong size; the message names it.
     """
     views, registration, after = Path(views), Path(registration), Path(after)
     camera, rows, depths = read_views(views)
@@ -137,14 +137,14 @@ def read_splat_pairs(
 
 
 def read_views(views: Path) -> tuple[Camera, Sequence[dict[str, Any]], Array]:
-    """Camera, what there is to say of each view, and depths. [N, H, W]."""
+    """Read the camera, the rows of the views (name, role and pose), and their depths, m. [N, H, W]."""
     content = read_given_json(views / VIEWS, f"Draw the views again, or correct the case. {_PAGE}")
     camera, rows = _camera(content, views / VIEWS), _rows(content, views / VIEWS)
     return camera, rows, _depths(views / DEPTHS, (len(rows), camera.height, camera.width))
 
 
 def _by_role(rows: Sequence[dict[str, Any]], views: Path) -> dict[str, list[int]]:
-    """Numbers of the views of each role."""
+    """Return the row numbers of the views of each role."""
     out = {role: [index for index, row in enumerate(rows) if row["role"] == role] for role in ROLES}
     for role, chosen in out.items():
         if not chosen:
@@ -153,10 +153,10 @@ def _by_role(rows: Sequence[dict[str, Any]], views: Path) -> dict[str, list[int]
 
 
 def _shots(folder: Path, name: str) -> dict[int, Path]:
-    """Photos of a view by their number.
+    """Return the photos of a view by their number.
 
     Raises:
-        InputError: Two have the same number.
+        InputError: Two photos have the same number.
     """
     pattern, out = re.compile(re.escape(name) + r"_(\d+)\.png"), {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
@@ -181,7 +181,7 @@ def _camera(content: Any, source: Path) -> Camera:
 
 
 def _rows(content: Any, source: Path) -> Sequence[dict[str, Any]]:
-    """Name, role and pose of every view."""
+    """Check the name, role and pose of every view and return them."""
     found = content.get("views")
     if not isinstance(found, list) or not found:
         raise InputError(source, "it lists no 'views'", _PAGE)
@@ -208,7 +208,7 @@ def _rows(content: Any, source: Path) -> Sequence[dict[str, Any]]:
 
 
 def _is_rigid(pose: Array) -> bool:
-    """Whether a 4 x 4 matrix turns and shifts, and does nothing else."""
+    """Whether a 4 x 4 matrix is a rigid transform: a rotation and a translation."""
     turn = pose[:3, :3]
     return bool(
         np.isfinite(pose).all()
@@ -222,7 +222,7 @@ def _depths(path: Path, shape: tuple[int, int, int]) -> Array:
     largest = math.prod(shape) * _LARGEST_NUMBER + _HEADER
     regular_file(path, "file of the depths", _PAGE, largest)
     with refusing(path, "it holds no depths", _PAGE):
-        # A few bytes may unpack to billions: how many is written beside each array, and no more of them are unpacked.
+        # A small archive can unpack to gigabytes: check the stated size before unpacking anything.
         with zipfile.ZipFile(path) as archive:
             unpacked = archive.getinfo(_MEMBER).file_size
         if unpacked > largest:
@@ -239,7 +239,7 @@ def _depths(path: Path, shape: tuple[int, int, int]) -> Array:
 
 
 def _photo(path: Path, camera: Camera) -> Array:
-    """A photo, 0..1. [H, W, 3] float32."""
+    """Read a photo of the camera's size, values 0..1. [H, W, 3] float32."""
     image = np.asarray(read_image(path), np.float32)
     if image.shape != (camera.height, camera.width, 3):
         seen = f"{image.shape[1]} x {image.shape[0]}"

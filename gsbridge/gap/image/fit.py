@@ -1,4 +1,4 @@
-"""Fitting the parameters of image effects to photos: bounded least squares."""
+"""Fit of image effects' parameters to photos, by bounded least squares."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gsbridge.geometry import Array
 
 _ROUNDS = 30
 _STEP = 0.04
-"""Step of finite differences, in typical sizes of an amplitude or fiftieths of a shape's range."""
+"""Step of finite differences, in units of an amplitude's typical size or of a fiftieth of a shape parameter's range."""
 
 _HIDDEN = 1e-2
-"""A parameter counts as without influence below this share of the strongest one's."""
+"""Share of the Jacobian's largest singular value below which a singular direction counts as unobservable."""
 
 
 class _LostError(Exception):
-    """Where the search stands, the pictures depend on no parameter, so that no step can be computed."""
+    """The search is stuck: the images depend on no parameter there, so no step can be computed."""
 
 
 def fit(
@@ -29,10 +29,10 @@ def fit(
     """Fit all parameters of some effects together.
 
     Args:
-        view: Photos to fit.
-        who: Effects.
-        starts: Parameters of each to start from.
-        rounds: Steps at most.
+        view: Residuals on the photos to fit.
+        who: Effects to fit.
+        starts: Start parameters of each effect.
+        rounds: Largest number of steps.
     """
     parameters = [p for candidate in who for p in candidate.effect.parameters]
     cuts = np.cumsum([len(candidate.effect.parameters) for candidate in who])[:-1]

@@ -1,6 +1,6 @@
-"""Which image effect is missing: fits on some views, judged on others, with the right to abstain.
+"""Identification of missing image effects: fits on some views, judged on others, with the right to abstain.
 
-The steps and the words are those of `gsbridge.gap.joints.identify`; ranking and verdict are the same code.
+The steps and terms are those of `gsbridge.gap.joints.identify`; ranking and verdict are the same code.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from gsbridge.geometry import Array
 logger = logging.getLogger("gsbridge")
 
 _BESIDE = 3
-"""Further effects that are tried beside an explanation."""
+"""Number of further effects that are tried in addition to an explanation."""
 
 
 class ImageIdentification:
-    """One diagnosis of photos.
+    """Identification of effects in the photos of one case.
 
     Args:
-        first: Views of `fit`.
-        second: Views of `select`.
-        who: Candidates.
-        rules: Thresholds.
+        first: Residuals on the views of `fit`.
+        second: Residuals on the views of `select`.
+        who: Candidate effects.
+        rules: Thresholds; None for the default ones.
         seed: Seed of replicates.
     """
 
@@ -57,7 +57,7 @@ class ImageIdentification:
         self.floor, self.plain_chi2 = float(second.numbers), _squares(self.plain)
 
     def run(self) -> Finding:
-        """Detect, screen, fit, rank, decide."""
+        """Test for a difference, screen the candidates, fit them, rank the fits, and decide on a verdict."""
         rules = self.rules
         p_first, p_second = self.null_first.p_value(self.first, self.start), self.null.p_value(self.second, self.plain)
         p_value = min(1.0, 2.0 * min(p_first, p_second))
@@ -73,7 +73,7 @@ class ImageIdentification:
         if best is None:
             return self._quiet("none_of_the_known", p_value, unseen)
         if p_first >= rules.alarm and transfer(self.plain, best.residual) <= rules.deviations:
-            # The difference shows on `select` alone, so that nothing can be fitted to it and then tested.
+            # The difference shows on `select` alone, so nothing can be fitted on `fit` and then tested on `select`.
             return self._quiet("not_enough_excitation", p_value, unseen)
         return self._decide(trials, p_value, unseen)
 
@@ -82,13 +82,13 @@ class ImageIdentification:
         return Finding(verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen)
 
     def _used(self) -> int:
-        """Sets of pictures so far."""
+        """Return the number of image sets computed so far."""
         return sum(view.expectation.pictures for view in (self.first, self.second))
 
     def _fitted(self, who: Sequence[Candidate], starts: Sequence[dict[str, float]]) -> Hypothesis | None:
-        """A trial of some effects; None where the fit did not converge."""
+        """Fit some effects on `fit` and evaluate them on `select`; None if the fit did not converge."""
         if any(candidate.effect.hook in ("geometry", "time") for candidate in who):
-            # Details that moved by more than their own size lead a fit astray.
+            # Coarse rows first: details displaced by more than their own size would lead the fit to a local minimum.
             starts = fit(self.rough, who, starts).values
         found = fit(self.first, who, starts)
         logger.info("%s: %.1f%s", " + ".join(map(str, who)), found.chi2, "" if found.converged else " (not converged)")
@@ -99,18 +99,18 @@ class ImageIdentification:
         return Hypothesis(found, residual, self.first.residual(found.effects), _squares(residual), closure)
 
     def _p_remaining(self, trial: Hypothesis) -> float:
-        """Probability that noise leaves as much on either role."""
+        """Return the p-value of what a trial leaves on `fit` and `select`, with a Bonferroni correction."""
         looks = self.null.p_value(self.second, trial.residual), self.null_first.p_value(self.first, trial.first)
         return min(1.0, len(looks) * min(looks))
 
     def _singles(self, matches: Sequence[ImageMatch]) -> list[Hypothesis]:
-        """Fits of one effect each; those that cannot reach the best are not fitted."""
+        """Fit single effects, in the order of their screened gains; skip those that cannot reach the best fit."""
         out: list[Hypothesis] = []
         chi2, reached = _squares(self.start), 0.0
-        # What moved far is not what its signature, of a small motion, seems to gain.
+        # Effects with far starts come first and are never skipped: signatures of small motions do not predict large ones.
         matches = sorted(matches, key=lambda match: not match.candidate.effect.far)
         for number, match in enumerate(match for match in matches if match.gain > 0.0 or match.candidate.effect.far):
-            # Signatures of geometry bend as they grow: what they seem to gain is a rough guess.
+            # Geometric effects are not linear in their size, so a screened gain is only a rough estimate.
             slack = 4.0 * self.rules.margin + 0.5 * reached if number < self.rules.rivals else self.rules.margin
             if match.gain < reached - slack and not match.candidate.effect.far:
                 break
@@ -121,7 +121,7 @@ class ImageIdentification:
         return out
 
     def _start(self, match: ImageMatch) -> dict[str, float]:
-        """Where a fit begins: the signature's parameters, or distant ones if these explain more on few rows."""
+        """Choose the start of a fit: the signature's parameters, or a far start if that leaves less on coarse rows."""
         none = {parameter.name: 0.0 for parameter in match.candidate.effect.parameters}
         starts = [match.start, *(none | dict(values) for values in match.candidate.effect.far)]
         if len(starts) == 1:
@@ -130,7 +130,7 @@ class ImageIdentification:
         return min(starts, key=lambda start: _squares(self.rough.residual((who.from_vector(who.vector(start)),))))
 
     def _several(self, singles: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Sets of effects: forward from the best, each earlier effect swapped, then slimmed."""
+        """Search sets of effects by forward selection: after each addition, try to replace every earlier effect; then prune."""
         trials = list(singles)
         tried: set[frozenset[Candidate]] = set()
         best = min(trials, key=lambda trial: trial.score)
@@ -138,7 +138,7 @@ class ImageIdentification:
             bases = sorted((t for t in trials if len(t.fit.who) == count - 1), key=lambda t: t.score)[: 2 if count == 2 else 1]
             grown = [found for base in bases for found in self._beside(base, tried)]
             if grown:
-                # The last addition stays while those before it are put to the test.
+                # Keep the last addition, and try to replace each of the effects before it.
                 top = min(grown, key=lambda trial: trial.score)
                 for place in range(count - 1):
                     rest = [top.fit.who[k] for k in range(count) if k != place]
@@ -151,19 +151,19 @@ class ImageIdentification:
             best = new
             if self._p_remaining(best) >= self.rules.alarm:
                 break
-        # A part of the best set may do as well, and only have been fitted from a worse start.
+        # A subset of the best set may do as well, but its earlier fit may have started from worse values.
         for part in combinations(best.fit.who, len(best.fit.who) - 1):
             trial = self._again(part, best) if part else None
             trials += [] if trial is None else [trial]
         return self._slim(trials)
 
     def _again(self, who: Sequence[Candidate], top: Hypothesis) -> Hypothesis | None:
-        """Some effects of an explanation fitted without the others."""
+        """Fit some effects of an explanation without the others, starting from their values in it."""
         values = dict(zip(top.fit.who, top.fit.values, strict=True))
         return self._fitted(who, [values[candidate] for candidate in who])
 
     def _beside(self, base: Hypothesis, tried: set[frozenset[Candidate]]) -> list[Hypothesis]:
-        """Fits of an explanation with one effect more, those that screen best."""
+        """Fit an explanation with one further effect, for the best-screened candidates that are not in `tried`."""
         out: list[Hypothesis] = []
         others = [match for match in screen(self.groups, base.first) if match.candidate not in base.fit.who]
         for match in others[:_BESIDE]:
@@ -176,7 +176,7 @@ class ImageIdentification:
         return out
 
     def _slim(self, trials: list[Hypothesis]) -> list[Hypothesis]:
-        """Leave out sets that are hardly better than one of their subsets, and worse fits of the same set."""
+        """Drop sets that are hardly better than one of their subsets, and all but the best fit of each set."""
         fits: dict[frozenset[Candidate], Hypothesis] = {}
         for trial in sorted(trials, key=lambda trial: trial.score):
             fits.setdefault(frozenset(trial.fit.who), trial)
@@ -213,7 +213,7 @@ class ImageIdentification:
         )  # fmt: skip
 
     def _widened(self, found: EffectFit) -> EffectFit:
-        """The fit with standard deviations that also hold how far the effects' laws are known to be wrong."""
+        """Widen a fit's standard deviations by the known error of the effects' models."""
         law = np.sqrt(self.first.model_tolerance * max(_squares(self.start) - self.first.numbers, 0.0))
         return replace(found, deviations=found.deviations * np.hypot(1.0, law))
 

@@ -1,8 +1,8 @@
-"""Residual pictures split by detail, by colour, and by what all views share, so that each part has a spread of its own.
+"""Split of residual images by scale, by colour, and into a common and a per-view part, each with its own variance.
 
-What splats lack is no white noise: a table whose colour is a little off is off everywhere, and in every view. A picture is cut
-into the means over ever larger blocks of pixels and what each leaves; these parts are orthogonal, and so are brightness and two
-differences of colours, and the mean over views and what is left of it.
+The errors of splats are not white noise: if the colour of a table is a little off, it is off everywhere and in every view. An
+image is split into means over blocks of increasing size and the remainders between successive sizes. These parts are
+orthogonal; so are brightness and two colour differences, and the mean over views and the deviations from it.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ import numpy as np
 from gsbridge.geometry import Array
 
 BLOCKS = (2, 4, 8, 16, 32, 64)
-"""Edges of the blocks, pixels as compared; each holds four of those before it."""
+"""Edges of the blocks, in compared pixels; each block holds four of the next smaller ones."""
 
 LEVELS = len(BLOCKS) + 1
 
 _COLOURS = np.array([[2, 3, -1], [2, 0, 2], [2, -3, -1]], np.float32) / np.sqrt(np.array([12, 18, 6], np.float32))
-"""From red, green, blue to brightness, red less blue, and green less both. Orthonormal."""
+"""Orthonormal transform from red, green, blue to brightness, red minus blue, and green minus both."""
 
 _SCATTER = 0.15
-"""Relative difference of the size of a part between two sets of views of one thing, which see other places and moments."""
+"""Relative standard deviation of a part's size between two sets of views, which differ in places and times."""
 
 _PRIOR = 4.0
-"""Weight of what is assumed of the variance of a part, in independent numbers: that it is the variance of its pixels."""
+"""Weight of the prior for the variance of a part, in independent numbers; see `LayerSpread.learn`."""
 
 
 def block_means(values: Array) -> tuple[list[Array], list[Array]]:
-    """Means over blocks of each size, the pixels themselves first, and of how many pixels each is the mean.
+    """Return the means over blocks of each size, starting with the pixels themselves, and the pixel counts of the blocks.
 
-    Pictures are filled up to whole blocks with zeros, which do not count. [N, h, w, C] -> [N, h / edge, w / edge, C] each.
+    Images are padded to whole blocks; the padding does not count. [N, h, w, C] -> [N, h / edge, w / edge, C] each.
     """
     edge = BLOCKS[-1]
     _, height, width, _ = values.shape
@@ -46,18 +46,18 @@ def block_means(values: Array) -> tuple[list[Array], list[Array]]:
 
 
 def energies(values: Array) -> Array:
-    """Sums of squares of the orthogonal parts of pictures, the finest first, by channel. [LEVELS, C]."""
+    """Return the sums of squares of the orthogonal parts of images, the finest first, by channel. [LEVELS, C]."""
     means, counts = block_means(values)
     whole = [(count * mean.astype(np.float64) ** 2).sum(axis=(0, 1, 2)) for mean, count in zip(means, counts, strict=True)]
     return np.stack([*(fine - rough for fine, rough in zip(whole, whole[1:], strict=False)), whole[-1]])
 
 
 def weighed(values: Array, weights: Array) -> Array:
-    """Pictures whose orthogonal parts are multiplied by weights. [N, h, w, C].
+    """Multiply the orthogonal parts of images by weights. [N, h, w, C].
 
     Args:
-        values: Pictures. [N, h, w, C].
-        weights: Factor of each part, the finest first, by channel. [LEVELS, C].
+        values: Images. [N, h, w, C].
+        weights: Weight of each part, the finest first, by channel. [LEVELS, C].
     """
     means, _ = block_means(values)
     weights = np.asarray(weights, np.float32)
@@ -69,7 +69,7 @@ def weighed(values: Array, weights: Array) -> Array:
 
 
 def numbers_of(height: int, width: int) -> Array:
-    """Independent numbers of each part of one colour of one picture. [LEVELS]."""
+    """Return the number of independent values in each part of one colour of one image. [LEVELS]."""
     blocks = [-(-height // edge) * -(-width // edge) for edge in (1, *BLOCKS)]
     return np.array([*(fine - rough for fine, rough in zip(blocks, blocks[1:], strict=False)), blocks[-1]], np.float64)
 
@@ -79,10 +79,10 @@ class LayerSpread:
     """Variances of the parts of residuals whose pixels have a variance of about one.
 
     Args:
-        own: Variance of what differs from view to view, by level of detail and colour. [LEVELS, 3].
-        shared: Variance of what all views have in common, likewise. [LEVELS, 3].
-        counts: Numbers from which `shared` was learnt. [LEVELS].
-        pool: The residuals that it was learnt from. [K, h, w, 3].
+        own: Variance of the per-view part, by scale and colour. [LEVELS, 3].
+        shared: Variance of the part that all views have in common, by scale and colour. [LEVELS, 3].
+        counts: Number of independent values from which `shared` was learnt. [LEVELS].
+        pool: The residuals from which all this was learnt. [K, h, w, 3].
     """
 
     own: Array
@@ -92,11 +92,13 @@ class LayerSpread:
 
     @classmethod
     def learn(cls, folds: Sequence[Array]) -> LayerSpread:
-        """Measure the parts.
+        """Learn the variances of the parts.
+
+        The prior of `own` is the overall per-view variance; the prior of the common part is `own`.
 
         Args:
-            folds: Residuals of groups of views, 0 where nothing is compared; each group is as views of another day, of which
-                nothing was learnt. [K, h, w, 3] each.
+            folds: Residuals of held-out groups of views, 0 where nothing is compared; like views of another day, each group
+                took no part in learning the corrections that were applied to it. [K, h, w, 3] each.
         """
         _, height, width, _ = folds[0].shape
         numbers = numbers_of(height, width)
@@ -113,25 +115,25 @@ class LayerSpread:
         prior = own.sum() / (3.0 * own_count.sum())
         own = (own + _PRIOR * prior) / (own_count + _PRIOR)[:, None]
         mean = (mean + _PRIOR * own) / (mean_count + _PRIOR)[:, None]
-        # The mean of many views has its own share of each, and what does not become less with their number.
+        # The mean over views also contains a share of the per-view parts, which is subtracted here.
         return cls(own, np.maximum(mean - own, 0.0) / size, mean_count, np.concatenate(folds))
 
     def whitened(self, table: Array, views: int | None = None) -> Array:
-        """Residuals whose parts all have a variance of one. [N, h, w, 3].
+        """Scale the parts of residuals to a variance of one. [N, h, w, 3].
 
         Args:
             table: Residuals, 0 where nothing is compared. [N, h, w, 3].
-            views: Number of views that share what is common; as many as there are when None.
+            views: Number of views that have the common part; None for the number of residuals.
         """
         apart, common = _split(table)
         shared = self.own + (views or len(table)) * self.shared
         return _turned_back(weighed(apart, 1.0 / np.sqrt(self.own)) + weighed(common, 1.0 / np.sqrt(shared)))
 
     def replicate(self, mask: Array, rng: np.random.Generator) -> Array:
-        """Whitened residuals of views on which nothing has changed. [N, h, w, 3].
+        """Draw whitened residuals of views in which nothing has changed. [N, h, w, 3].
 
-        What views have for themselves is that of views it was learnt from, with random signs, and as large as in another set of
-        views; what they share is as wrong as it may have been learnt.
+        Residuals are drawn from `pool` with random signs. Their per-view part is rescaled at random by `_SCATTER`, and their
+        common part also by the uncertainty with which its variance was learnt.
 
         Args:
             mask: Pixels that are compared. [N, h, w, 1].
@@ -145,12 +147,12 @@ class LayerSpread:
 
 
 def _turned_back(table: Array) -> Array:
-    """From brightness and differences of colours to red, green and blue. [N, h, w, 3]."""
+    """Transform brightness and colour differences back to red, green and blue. [N, h, w, 3]."""
     return np.asarray(table @ _COLOURS.T, np.float32)
 
 
 def _split(table: Array) -> tuple[Array, Array]:
-    """What each view has for itself, and what all have in common, in brightness and colours. [N, h, w, 3], [1, h, w, 3]."""
+    """Split into per-view and common part, in brightness and colour differences. [N, h, w, 3], [1, h, w, 3]."""
     turned = np.asarray(table @ _COLOURS, np.float32)
     common = turned.mean(axis=0, keepdims=True)
     return turned - common, common

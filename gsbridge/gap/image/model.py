@@ -13,22 +13,22 @@ from gsbridge.gap.diagnosis.results import Candidate
 
 @dataclass(frozen=True, order=True)
 class ImageCandidate(Candidate):
-    """An image effect that may be missing."""
+    """An image effect that the simulation may lack."""
 
     registry = IMAGE_EFFECTS
 
 
 def image_candidates(names: Collection[str] | None = None) -> tuple[ImageCandidate, ...]:
-    """All image effects; of these only, if `names` is given."""
+    """Return all image effects as candidates, or only those in `names`."""
     return tuple(ImageCandidate(name) for name in IMAGE_EFFECTS if names is None or name in names)
 
 
 def shooting(effects: Sequence[Applied] = (), edge: int = 1) -> Shooting:
-    """The way photos are taken with some effects.
+    """Build the camera pipeline with some effects.
 
     Args:
-        effects: Effects; lengths in the image are in pixels of the camera.
-        edge: Pixels of the camera along each edge of a pixel of the pictures.
+        effects: Effects; image lengths among their parameters are in pixels of the original photos.
+        edge: Reduction factor of the images: original pixels along each edge of one reduced pixel.
 
     Raises:
         InputError: An effect or one of its parameters is unknown, or a value is out of its bounds.

@@ -1,4 +1,4 @@
-"""Variance of the noise of photos, in flat places, where neither edges nor a displaced picture disturb it."""
+"""Variance of the noise of photos, measured in flat areas, where neither edges nor displacements of the image disturb it."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ LEVELS = 5
 """Number of classes of brightness in which noise is measured."""
 
 ENOUGH = 20
-"""Smallest number of pixels of a class in which noise is measured."""
+"""Smallest number of pixels that a class needs for a measurement of noise."""
 
 LEAST = (0.3 / 255.0) ** 2
-"""Variance that 8 bits leave at least."""
+"""Smallest variance, about that of the rounding to 8 bits."""
 
 _SECOND = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], np.float32) / 6.0
-"""Takes slopes and edges away and leaves the variance of white noise as it is (Immerkaer, CVIU 64(2), 1996)."""
+"""Filter that removes slopes and edges but keeps the variance of white noise (Immerkaer, CVIU 64(2), 1996)."""
 
 _OVERLAP = float((cv2.filter2D(np.pad(_SECOND, 4), -1, _SECOND, borderType=cv2.BORDER_CONSTANT) ** 2).sum())
-"""Pixels per independent number of filtered noise: the sum of its squared correlations."""
+"""Number of pixels per independent value of the filtered noise: the sum of its squared correlations."""
 
 
 def slopes_of(pictures: Array) -> Array:
-    """Squared slope of the encoded picture, averaged over colours and neighbours. [N, H, W, 3] -> [N, H, W]."""
+    """Return squared slopes of encoded images per pixel, averaged over colours and neighbours. [N, H, W, 3] -> [N, H, W]."""
     out = []
     for picture in pictures:
         across = cv2.Scharr(picture, cv2.CV_32F, 1, 0, scale=1 / 32.0)
@@ -38,12 +38,12 @@ def slopes_of(pictures: Array) -> Array:
 
 @dataclass(frozen=True)
 class Flats:
-    """Flat places of pictures, by brightness.
+    """Flat areas of photos, by classes of brightness.
 
     Args:
         masks: Pixels of every class in every photo. [N, L, H, W] bool.
-        levels: Mean brightness of each, one per colour. [N, L, 3].
-        counts: Pixels. [N, L].
+        levels: Mean encoded level of each class, by colour. [N, L, 3].
+        counts: Number of pixels in each class. [N, L].
     """
 
     masks: Array
@@ -52,12 +52,12 @@ class Flats:
 
     @classmethod
     def of(cls, pictures: Array, slopes: Array, covered: Array) -> Flats:
-        """Take the flatter half of all covered pixels, split into classes at quantiles of brightness.
+        """Take the covered pixels whose slope is at most the median, and split them into classes at quantiles of brightness.
 
         Args:
             pictures: Photos, 0..1. [N, H, W, 3].
             slopes: From `slopes_of`. [N, H, W].
-            covered: Pixels that count. [N, H, W] bool.
+            covered: Pixels to use. [N, H, W] bool.
         """
         grey = pictures.mean(axis=-1)
         flat = (slopes <= np.median(slopes)) & covered
@@ -71,15 +71,15 @@ class Flats:
 
     @cached_property
     def _places(self) -> dict[tuple[int, int], Array]:
-        """Numbers of the pixels of every photo and class that has enough; kept, as a fit asks for noise at every step."""
+        """Flat pixel indices of every photo and class with enough pixels; cached, since a fit asks for noise at every step."""
         return {(int(n), int(k)): np.flatnonzero(self.masks[n, k]) for n, k in np.argwhere(self.counts >= ENOUGH)}
 
     def variances(self, pictures: Array) -> Array:
-        """Variance of noise in every class, robust against anything else. [N, H, W, 3] -> [N, L, 3]."""
+        """Return robust estimates of the noise variance in every class. [N, H, W, 3] -> [N, L, 3]."""
         fine = np.stack([cv2.filter2D(image, -1, _SECOND, borderType=cv2.BORDER_REPLICATE) for image in pictures])
         out = np.full((*self.counts.shape, 3), np.nan)
         for n, k in np.argwhere(self.counts >= ENOUGH):
-            # A third of the way between robust and efficient: squares beyond three rough deviations are left out.
+            # A compromise between robust and efficient: drop values beyond three deviations, as estimated by the median.
             square = fine[n].reshape(-1, 3)[self._places[n, k]].astype(np.float64) ** 2
             rough = 2.198 * np.median(square, axis=0)
             inside = square <= 9.0 * rough
@@ -87,5 +87,5 @@ class Flats:
         return np.maximum(out, LEAST * 0.1)
 
     def deviations(self) -> Array:
-        """Standard deviation of the logarithm of a measured variance; infinite where there are too few pixels. [N, L]."""
+        """Return standard deviations of the log of measured variances; infinite where there are too few pixels. [N, L]."""
         return np.where(self.counts >= ENOUGH, np.sqrt(2.0 * _OVERLAP / np.maximum(self.counts, 1)), np.inf)

@@ -1,4 +1,4 @@
-"""Do photos differ by more than noise? Sums over blocks of pixels, calibrated by photos of one day."""
+"""Test whether photos differ by more than noise: sums of squares over blocks of pixels, calibrated by replicates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gsbridge.gap.image.residuals import ImageResiduals
 from gsbridge.geometry import Array
 
 SCALES = (1, 2, 4, 8, 16)
-"""Edges of blocks, pixels as compared: each twice the one before, whose blocks it joins."""
+"""Edges of blocks, in compared pixels; each block joins four of the next smaller ones."""
 
 REPLICATES = 199
 
@@ -21,27 +21,28 @@ _FILLED = 0.5
 
 
 Filled = tuple[list[Array], list[Array]]
-"""Pixels that are compared in each block, by scale: of single photos, and of what all have in common."""
+"""Number of compared pixels in each block, by scale: for single photos, and for the sum over photos."""
 
 
 def filled_blocks(view: ImageResiduals) -> Filled:
-    """How far blocks are filled, which is the same for all residuals of a view."""
+    """Count the compared pixels in each block; the counts are the same for all residuals of a view."""
     count = view.mask.sum(axis=0)[None, ..., None]
     return _blocks(view.mask[..., None]), _blocks((count > 0).astype(np.float32))
 
 
 def sums(view: ImageResiduals, table: Array, filled: Filled | None = None) -> Array:
-    """Squares of a residual and of its means over blocks, of each photo and of what all have in common. [K].
+    """Return the test statistics of a residual: sums of squares of normalised block means at all scales. [K].
 
-    Every colour by itself and their sum, at every scale; then the noise: of classes, of their means over photos, of all.
+    First for single photos, then for the sum over photos: at every scale, one for each colour and one for the sum of colours.
+    Then for the noise part: all values, means over photos, and the overall mean.
 
     Args:
-        view: The photos that the residual belongs to.
-        table: Residuals, as from `ImageResiduals.residual`. [N * h + N, 3 * w].
-        filled: What `filled_blocks` gave, where it is known; None computes it. [N, h, w, 1] and [1, h, w, 1] at each scale.
+        view: The views that the residual belongs to.
+        table: Residual, as from `ImageResiduals.residual`. [N * h + N, 3 * w].
+        filled: Result of `filled_blocks`, to save time; None computes it. [N, h, w, 1] and [1, h, w, 1] at each scale.
     """
     white = view.pictures(table)
-    # Most effects stay where they are in the image, or change all of it.
+    # The sum over photos is sensitive to effects that are fixed in the image or change all of it, as most do.
     count = view.mask.sum(axis=0)[None, ..., None]
     common = white.sum(axis=0)[None] / np.sqrt(np.maximum(count, 1.0))
     out = []
@@ -58,7 +59,7 @@ def sums(view: ImageResiduals, table: Array, filled: Filled | None = None) -> Ar
 
 
 def _blocks(values: Array) -> list[Array]:
-    """Sums over blocks of each of `SCALES`; the image is filled up with zeros. [N, h, w, C] -> [N, h / scale, w / scale, C]."""
+    """Sum over blocks of each of `SCALES`, padding with zeros. [N, h, w, C] -> [N, h / scale, w / scale, C] each."""
     out = [values]
     for _ in SCALES[1:]:
         values = out[-1]
@@ -74,31 +75,32 @@ class ImageNull:
     """Null distribution of photos in which nothing has changed.
 
     Args:
-        sums: Sums over each replicate, as from the function `sums`. [R, K].
+        sums: Test statistics of each replicate, as from the function `sums`. [R, K].
     """
 
     sums: Array
 
     @classmethod
     def of(cls, view: ImageResiduals, rng: np.random.Generator, replicates: int = REPLICATES) -> ImageNull:
-        """Draw replicates of the noise of one role's views.
+        """Draw replicates of the residual of one role's views with nothing changed.
 
         Args:
-            view: Photos of the role and the noise.
+            view: Residuals on the views of the role.
             rng: Random numbers.
-            replicates: How many to draw.
+            replicates: Number of replicates to draw.
         """
         filled = filled_blocks(view)
         return cls(np.stack([sums(view, view.replicate(rng), filled) for _ in range(replicates)]))
 
     def p_value(self, view: ImageResiduals, table: Array) -> float:
-        """Probability that noise alone makes a residual as large as this somewhere. [N * h + N, 3 * w]."""
+        """Return the probability that noise alone gives a largest statistic as extreme as here. [N * h + N, 3 * w]."""
         replicas = self._surprise(self.sums).max(axis=1)
         return tail_pvalue(replicas, float(self._surprise(sums(view, table)).max()))
 
     def _surprise(self, found: Array) -> Array:
-        """Minus the logarithm of the chance of each sum: some are of one square, others of thousands, and those of few have
-        longer tails. Sums of squares are taken for chi-squared ones of the replicates' means and spreads. [..., K].
+        """Return minus the log p-value of each sum of squares, so that sums of few and many squares compare. [..., K].
+
+        Each sum is taken as a scaled chi-squared variable with the mean and variance of the replicates.
 
         Source: Satterthwaite, Biometrics Bulletin 2, 1946.
         """

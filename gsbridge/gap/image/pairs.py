@@ -1,8 +1,8 @@
 """Photos of the same views before and after something changed.
 
-A robot comes back to a posture to a fraction of a millimetre. Photos from the same postures on two days differ by what changed
-between them, and not by what splats, lights and colours of a simulation are off by anyway: each earlier photo is the model of
-the later one. Second photos of the first day tell the noise.
+A robot returns to a posture to a fraction of a millimetre. Photos from the same postures on two days therefore differ only by
+what changed in between, and not by the errors that the splats, lights and colours of a simulation have anyway: each earlier
+photo serves as the model of the later one. Repeated photos of the first day show the noise.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gsbridge.geometry import Array
 from gsbridge.scene.track import Track
 
 FEWEST = 4
-"""Views of a role."""
+"""Smallest number of views of a role."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,22 +26,22 @@ class Pairs:
     """Views of one role.
 
     Args:
-        camera: Pinhole of all photos.
-        before: sRGB-encoded photos, 0..1, while all was well. [N, H, W, 3] float32.
-        again: Further photos of the same views, with nothing changed, or the mean of some. [N, H, W, 3].
-        after: Photos of the same views since. [N, H, W, 3].
-        depths: Camera z of what the views show, m; 0 or not-a-number where it is unknown. [N, H, W].
+        camera: Pinhole camera of all photos.
+        before: sRGB-encoded photos, 0..1, taken while all was well. [N, H, W, 3] float32.
+        again: Repeated photos of the same views with nothing changed, or the means of several. [N, H, W, 3].
+        after: Later photos of the same views. [N, H, W, 3].
+        depths: Depth of the visible surfaces along the camera's z axis, m; 0 or NaN where it is unknown. [N, H, W].
         poses: `cam_from_world` of the views. [N, 4, 4].
-        track: Where the camera was, if it moved while photos were taken; None where it stood.
+        track: Camera poses over time, if the camera moved while photos were taken; None if it was at rest.
         times: Times of the photos, s; needed with a track. [N].
-        repeats: Number of photos that `again` is the mean of.
+        repeats: Number of photos that were averaged for `again`.
         name: Name for messages.
-        digest: SHA-256 of the files; empty where there are none.
-        drawn: Whether the earlier pictures are drawn, so that they have no noise; `again` is then the same pictures.
-        edge: Pixels of the camera's photos along each edge of a pixel here: pictures may have been reduced.
+        digest: SHA-256 of the files; empty if there are no files.
+        drawn: Whether the earlier images are rendered and thus free of noise; `again` then holds the same images.
+        edge: Reduction factor of the images: original pixels along each edge of one pixel here.
 
     Raises:
-        InputError: Photos, depths and poses are not of one size, or there are too few.
+        InputError: The sizes of photos, depths and poses do not match, there are too few views, or the photos are distorted.
     """
 
     camera: Camera
@@ -83,10 +83,10 @@ class Pairs:
         return len(self.poses)
 
     def content_digest(self) -> str:
-        """SHA-256 of photos, depths and poses."""
+        """Return the SHA-256 of photos, depths and poses."""
         parts = (self.before, self.again, self.after, self.depths, self.poses)
         return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
 
     def quiet(self) -> Pairs:
-        """These views with nothing changed: their repeated first photos stand for the later ones."""
+        """Return these views with nothing changed: the repeated earlier photos replace the later ones."""
         return replace(self, after=self.again)

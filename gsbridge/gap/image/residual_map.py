@@ -1,4 +1,4 @@
-"""Where photos differ: residuals by colour, by place in the image, by brightness and by detail."""
+"""Map of where photos differ: residuals by colour, by place in the image, by brightness and by detail."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsbridge.geometry import Array
 CHANNELS = ("red", "green", "blue")
 
 FEWEST = 50
-"""Pixels as compared that a cell needs; others stay empty."""
+"""Smallest number of compared pixels in a cell of the map; cells with fewer stay empty."""
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "across": ("left", "middle", "right"),
@@ -23,15 +23,15 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "brightness": ("dark", "medium", "bright"),
     "detail": ("flat", "edges"),
 }
-"""Columns of the map; brightness and detail are those of the earlier photos, below or above quantiles of all pixels."""
+"""Columns of the map. Brightness and detail are those of the earlier photos, split at quantiles of the compared pixels."""
 
 
 def map_pictures(view: ImageResiduals, table: Array) -> ResidualMap:
-    """Lay residuals over the pictures.
+    """Map the root mean square residual by colour and by place, brightness and detail.
 
     Args:
         view: The views of a role.
-        table: Residuals, as from `ImageResiduals.residual`. [N * h + N, 3 * w].
+        table: Residual, as from `ImageResiduals.residual`. [N * h + N, 3 * w].
     """
     pictures, kept = view.pictures(table).astype(np.float64), view.mask > 0
     before = shrunk(view.pairs.before, view.size)

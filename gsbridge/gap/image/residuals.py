@@ -1,4 +1,4 @@
-"""Later photos less earlier ones as effects would have changed them, in units of the noise."""
+"""Residuals in units of the noise: later photos minus those expected from earlier photos under some effects."""
 
 from __future__ import annotations
 
@@ -23,59 +23,59 @@ from gsbridge.gap.image.visibility import off_steps
 from gsbridge.geometry import Array
 
 HEIGHT = 48
-"""Rows, about, at which photos are compared, as means over blocks: light that is moved by parts of a pixel gets soft."""
+"""Approximate number of rows at which photos are compared. Averaging over blocks hides the blur of subpixel interpolation."""
 
 COARSE = 12
-"""Rows at which what moved is looked for first."""
+"""Approximate number of rows at which a search for large displacements starts."""
 
 _BORDER = 0.05
-"""Share of the width along each edge that is not compared: a displaced camera sees more there than the earlier photo shows."""
+"""Border that is not compared, as a share of the width: a displaced camera sees things there that the earlier photo lacks."""
 
 PLACE = 0.1
-"""Uncertainty of where things are, with depths and interpolation as they are, in pixels as they are compared."""
+"""Standard deviation of the image position of things, due to errors of depth and interpolation, in compared pixels."""
 
 _PARTS = 12
-"""Classes of brightness by which noise is learnt."""
+"""Number of brightness classes in which noise is learnt."""
 
 _OUTLIER = 4.0
-"""Deviations beyond which a difference of two equal photos is no noise."""
+"""Standard deviations beyond which a difference between repeated photos is an outlier, not noise."""
 
 _NEAR = 5
-"""Half width of the window over which noise is taken to be the same, in pixels at the size at which they are compared."""
+"""Half width of the window over which the noise variance is taken to be constant, in compared pixels."""
 
 _KEPT = 64
-"""Residuals that are kept."""
+"""Number of residuals in the cache."""
 
 _UNSURE = 0.015
-"""Relative spread of the variance of the noise of each colour as it is learnt from photos."""
+"""Relative standard deviation of the noise variance of each colour as learnt from photos."""
 
 _CLEAR = 5.0
-"""Deviations by which later photos must be noisier to count as noisier."""
+"""Standard deviations by which the noise of later photos must exceed that of earlier ones to count as larger."""
 
 
 @dataclass(frozen=True)
 class PhotoNoise:
-    """Variance of one photo at the size at which photos are compared.
+    """Noise variance of one photo, for the block means that are compared.
 
     Args:
-        dark: Variance where the photo is black.
-        light: How much the variance grows up to white.
+        dark: Variance at black.
+        light: Increase of the variance from black to white.
     """
 
     dark: float
     light: float
 
     def at(self, levels: Array) -> Array:
-        """Variance at encoded levels, 0..1. [...] -> [...]."""
+        """Return the variance at encoded levels, 0..1. [...] -> [...]."""
         return self.dark + self.light * np.clip(levels, 0.0, 1.0)
 
     def levels(self) -> dict[str, float]:
-        """Standard deviation where it is dark and where it is white, as findings have it."""
+        """Return the standard deviations at black and at white, for the findings."""
         return {"dark": float(np.sqrt(self.dark)), "white": float(np.sqrt(self.dark + self.light))}
 
 
 def learn_noise(pairs: Sequence[Pairs]) -> PhotoNoise:
-    """Noise from photos of the same views with nothing changed."""
+    """Learn the noise from repeated photos of the same views with nothing changed."""
     levels, squares = [], []
     for views in pairs:
         size = shrinking(views)
@@ -87,7 +87,7 @@ def learn_noise(pairs: Sequence[Pairs]) -> PhotoNoise:
     order = np.argsort(level)
     rows, means = [], []
     for part in np.array_split(order, _PARTS):
-        # Few pixels may show what moved by itself.
+        # A few pixels may show things that moved between the photos.
         limit = _OUTLIER**2 * np.median(square[part]) / 0.455
         rows.append([1.0, level[part].mean()])
         means.append(square[part][square[part] <= limit].mean() if limit > 0 else 0.0)
@@ -99,12 +99,12 @@ def learn_noise(pairs: Sequence[Pairs]) -> PhotoNoise:
 
 
 def shrinking(pairs: Pairs, height: int = HEIGHT) -> int:
-    """Edge of the blocks of pixels over which photos are averaged to have about `height` rows."""
+    """Return the edge of the blocks, px, over which photos are averaged to have about `height` rows."""
     return max(1, round(pairs.camera.height / height))
 
 
 def shrunk(photos: Array, size: int) -> Array:
-    """Means over blocks; rows and columns that fill none are left out. [N, H, W, ...] -> [N, h, w, ...]."""
+    """Average over blocks; rows and columns beyond the last whole block are dropped. [N, H, W, ...] -> [N, h, w, ...]."""
     count, height, width = photos.shape[:3]
     tall, wide = height // size, width // size
     parts = photos[:, : tall * size, : wide * size].reshape(count, tall, size, wide, size, *photos.shape[3:])
@@ -112,7 +112,7 @@ def shrunk(photos: Array, size: int) -> Array:
 
 
 def compared(pairs: Pairs, height: int = HEIGHT) -> Array:
-    """Pixels that are compared: away from the border and from steps of depth, with known depth. [N, h, w], 0 or 1."""
+    """Mask the pixels to compare: with known depth, away from the border and from steps of depth. [N, h, w], 0 or 1."""
     size, border = shrinking(pairs, height), max(1, round(_BORDER * pairs.camera.width))
     kept = np.stack([off_steps(depth) for depth in pairs.depths])
     kept[:, :border] = kept[:, -border:] = False
@@ -121,20 +121,21 @@ def compared(pairs: Pairs, height: int = HEIGHT) -> Array:
 
 
 class ImageResiduals:
-    """The views of a role in units of the noise.
+    """Residuals of the views of a role, in units of the noise.
 
     Args:
         pairs: The views.
         noise: Noise of one photo.
-        compare_noise: Whether the photos' noise is compared, too: means of several photos have less.
-        height: Rows, about, at which they are compared: few, to find what moved far; their noise is then not that of blocks.
-        expectation: Expectation of the same earlier photos, where there is one: removing their noise again is the slowest step.
+        compare_noise: Whether the variances of the photos' noise are compared, too; they must not be if `pairs.after` holds
+            means of several photos, which have less noise.
+        height: Approximate number of rows to compare. With few rows, as for large displacements, `noise` overstates the noise.
+        expectation: `Expectation` of the same photos to reuse, since their denoising is the slowest step; None makes one.
 
     Attributes:
-        model_tolerance: Share of a gap's squares that the models of effects may miss: one effect more must explain more than
-            that.
-        shape: Photos, rows, columns as they are compared.
-        mask: Where photos are compared. [N, h, w].
+        model_tolerance: Share of a gap's sum of squares that the models of effects may miss; a further effect must explain more
+            than this.
+        shape: Numbers of photos, rows and columns as compared.
+        mask: 1 where photos are compared, else 0. [N, h, w].
     """
 
     model_tolerance: ClassVar[float] = 1e-3
@@ -158,16 +159,16 @@ class ImageResiduals:
         self._weights = (self.mask[..., None] / np.sqrt(self._variance())).astype(np.float32)
 
     def _variance(self) -> Array:
-        """Variance of the difference of a later and an earlier photo. [N, h, w, 1 or 3]."""
+        """Return the variance of the difference of a later and an earlier photo. [N, h, w, 1 or 3]."""
         before, again = (shrunk(photos, self.size) for photos in (self.pairs.before, self.pairs.again))
-        # Noisier photos say less, whatever made them so; that they are noisier is told by their noise alone.
+        # Noisier photos get less weight, whatever the cause; whether they are noisier is tested by the noise part alone.
         local = self._local(again - before, self.noise.at(before))
         variance = local * (self._rougher() * self.noise.at(self.after) + self.noise.at(before))
         return variance + PLACE**2 * slopes_of(before.astype(np.float32))[..., None]
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
-        """Later photos less expected ones, a row per line of a photo, then the noise of every photo. [N * h + N, 3 * w]."""
-        # A fit asks for the same effects again where it takes derivatives and where it ends.
+        """Return later photos minus expected ones, a row per image row, then a row of noise per photo. [N * h + N, 3 * w]."""
+        # Cached: a fit asks for the same effects again for its derivatives and at its end.
         key = tuple((effect.name, *sorted(effect.parameters.items())) for effect in effects)
         if key not in self._known:
             self._known[key] = self._residual(effects)
@@ -177,11 +178,12 @@ class ImageResiduals:
         return self._known[key]
 
     def apart(self, how: Shooting) -> Array:
-        """Later photos less expected ones, in units of the deviation of each pixel. [N, h, w, 3]."""
+        """Return later photos minus expected ones, in units of the standard deviation of each pixel. [N, h, w, 3]."""
         apart = (self.after - shrunk(self.expectation.photos(how), self.size)) * self._weights
         shown = shrunk(self.expectation.shown(how).astype(np.float32), self.size) >= 1.0
         if not shown.all():
-            # What comes into sight says nothing; the rest stands for it, or it would pay to look elsewhere.
+            # Pixels that come into sight say nothing. The others are scaled up to replace them; otherwise a fit could lower the
+            # residual by turning the camera away.
             kept = np.maximum((self.mask * shown).sum(), 1.0)
             apart *= shown[..., None] * np.float32(np.sqrt(self.mask.sum() / kept))
         return apart
@@ -196,55 +198,58 @@ class ImageResiduals:
         return np.concatenate([apart.reshape(count * height, 3 * width), grain])
 
     def pictures(self, table: Array) -> Array:
-        """The part of a residual that is pictures. [N * h + N, 3 * w] -> [N, h, w, 3]."""
+        """Return the image part of a residual. [N * h + N, 3 * w] -> [N, h, w, 3]."""
         count, height, width = self.shape
         return table[: count * height].reshape(count, height, width, 3)
 
     def noise_part(self, table: Array) -> Array:
-        """The part that compares the photos' noise. [N * h + N, 3 * w] -> [N, 3 * w]."""
+        """Return the part of a residual that compares the photos' noise. [N * h + N, 3 * w] -> [N, 3 * w]."""
         return table[self.shape[0] * self.shape[1] :]
 
     def size_of(self, table: Array) -> float:
-        """Root mean square of a residual, in units of the noise. [N * h + N, 3 * w]."""
+        """Return the root mean square of a residual, in units of the noise. [N * h + N, 3 * w]."""
         return float(np.sqrt((table.astype(np.float64) ** 2).sum() / self.numbers))
 
     def tells(self, candidate: Candidate) -> bool:
-        """Whether an effect can be told at all: without time stamps a flicker is any other light."""
+        """Whether photos can identify an effect at all: without time stamps, flicker looks like any other change of light."""
         return self.pairs.times is not None or not candidate.effect.timed
 
     @property
     def numbers(self) -> int:
-        """Measured numbers in a residual."""
+        """Number of measured values in a residual."""
         return 3 * int(self.mask.sum()) + 3 * int(np.isfinite(self._spread).sum())
 
     @cached_property
     def usual(self) -> Array:
-        """Difference of photos of one day, in units of its size in each colour. [N, h, w, 3]."""
+        """Difference of repeated photos, in units of its root mean square in each colour. [N, h, w, 3]."""
         apart = (shrunk(self.pairs.again, self.size) - shrunk(self.pairs.before, self.size)) * self._weights
         return apart / np.sqrt(np.maximum((apart**2).sum(axis=(0, 1, 2)) / max(float(self.mask.sum()), 1.0), 1e-12))
 
     def replicate(self, rng: np.random.Generator) -> Array:
-        """A residual in which nothing has changed: what photos of one day differ by, with signs drawn anew, so that outliers
-        of the noise stay, and what lies together does not. [N * h + N, 3 * w]."""
+        """Draw a residual in which nothing has changed. [N * h + N, 3 * w].
+
+        It is the difference of repeated photos with random signs, which keeps outliers of the noise but removes its spatial
+        correlation.
+        """
         usual, measured = self.usual, self.noise_part(self.residual()) != 0
         size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(usual.shape[-1]), 0.0)).astype(np.float32)
-        # One sign for all colours of a pixel: what makes one of them brighter often does so to all.
+        # One sign for all colours of a pixel, since their differences are often correlated.
         white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), (*usual.shape[:-1], 1)) * size
         rough = rng.standard_normal(measured.shape).astype(np.float32) * measured
         return np.concatenate([white.reshape(-1, measured.shape[1]), rough])
 
     def leave_out(self, pixels: Array) -> None:
-        """Compare some pixels no more. [N, h, w] bool."""
+        """Exclude some pixels from the comparison. [N, h, w] bool."""
         self.mask = self.mask * ~pixels
         self._weights = self._weights * ~pixels[..., None]
         self._known.clear()
 
     def coarse(self) -> ImageResiduals:
-        """These views in so few rows that what moved far is still found."""
+        """Return these views in so few rows that large displacements can be found."""
         return ImageResiduals(self.pairs, self.noise, compare_noise=False, height=COARSE, expectation=self.expectation)
 
     def quiet(self) -> ImageResiduals:
-        """Residuals of these views with nothing changed; see `Pairs.quiet`."""
+        """Return the residuals of these views with nothing changed; see `Pairs.quiet`."""
         grainy = self.pairs.repeats == 1
         return ImageResiduals(self.pairs.quiet(), self.noise, compare_noise=grainy, expectation=self.expectation)
 
@@ -264,7 +269,7 @@ class ImageResiduals:
 
     @cached_property
     def _spread(self) -> Array:
-        """Standard deviation of the logarithm of the ratio of two measured variances of noise. [N, L]."""
+        """Standard deviation of the log ratio of two measured noise variances; infinite where not measured. [N, L]."""
         spread = np.sqrt(2.0) * self._flats.deviations()
         return spread if self._compares_noise else np.full_like(spread, np.inf)
 
@@ -274,12 +279,18 @@ class ImageResiduals:
 
     @cached_property
     def _still(self) -> Array:
-        """Variance of noise that is expected without any change of light or sensor. [N, L, 3]."""
+        """Noise variance that is expected without any change of light or sensor. [N, L, 3]."""
         return self._flats.variances(self.expectation.flat(shooting()))
 
     def _local(self, apart: Array, variance: Array) -> Array:
-        """Variance of the noise in multiples of what its brightness says, where photos of one day tell: in shades that flicker
-        a little, on things that shine. [N, h, w, 1]."""
+        """Return the local noise variance, relative to that learnt for the brightness, 1 at the least. [N, h, w, 1].
+
+        Repeated photos differ by more than the learnt noise in places such as flickering shade or shiny things.
+
+        Args:
+            apart: Difference of repeated photos. [N, h, w, 3].
+            variance: Noise variance learnt for the brightness. [N, h, w, 3].
+        """
         square = (apart**2 / (variance * (1.0 + 1.0 / self.pairs.repeats))).mean(axis=-1) * self.mask
         size = (2 * _NEAR + 1,) * 2
         near = np.stack([cv2.blur(part.astype(np.float64), size) for part in square])
@@ -287,7 +298,7 @@ class ImageResiduals:
         return np.maximum(near / np.maximum(filled, 1e-6), 1.0).astype(np.float32)[..., None]
 
     def _rougher(self) -> float:
-        """Variance of the later photos' noise in multiples of the earlier ones', 1 where it is not clearly more."""
+        """Return the ratio of the later photos' noise variance to the earlier ones', or 1 if it is not clearly larger."""
         rough = self._rough(shooting())
         measured = np.isfinite(self._spread)
         if not measured.any():
@@ -297,10 +308,10 @@ class ImageResiduals:
         return float(np.exp(mean)) if mean > _CLEAR / np.sqrt(3.0 * weight.sum()) else 1.0
 
     def _rough(self, how: Shooting) -> Array:
-        """Log ratio of the later photos' noise variance to the expected one, in deviations; 0 where not measured. [N, L, 3]."""
+        """Return the log ratio of measured to expected noise variance, in standard deviations; 0 if not measured. [N, L, 3]."""
         if not self._compares_noise:
             return np.zeros((*self._spread.shape, 3))
-        # What moves the picture alone leaves the noise of a camera that did not move as it was.
+        # Effects that only move the image leave the noise unchanged.
         still = not (how.light or how.sensor or how.softness)
         expected = self._still if still else self._flats.variances(self.expectation.flat(how))
         expected = expected + how.read_variance + how.shot_variance * np.clip(self._flats.levels, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Signatures of image effects: how much of a difference of photos each could explain, before any fit."""
+"""Screening by signatures: how much of a difference between photos each image effect could explain, before any fit."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from gsbridge.gap.image.residuals import ImageResiduals
 from gsbridge.geometry import Array
 
 _SHOWN = 1.0
-"""Squared length, in units of the noise, from which on the signature of an effect of typical size shows at all."""
+"""Smallest squared length, in units of the noise, at which a signature counts as visible."""
 
 _SLIGHT = 1e-3
-"""Share of the longest axis of a group's signatures below which an axis says nothing."""
+"""Share of the largest eigenvalue of a group's Gram matrix below which a direction is ignored as ill-conditioned."""
 
 
 @dataclass(frozen=True)
 class Group:
-    """Signatures of one effect at one shape, which add up.
+    """Signatures of one effect at fixed shape parameters, one per amplitude; their weighted sums are signatures, too.
 
     Args:
         who: The effect.
         values: Parameters of each signature. [S].
-        lows: Smallest factor that each may have. [S].
-        tables: Changes of the residual, in units of the noise. [S, D] float32.
+        lows: Smallest weight that each signature may have. [S].
+        tables: Change of the residual for each signature, in units of the noise. [S, D] float32.
     """
 
     who: Candidate
@@ -38,12 +38,12 @@ class Group:
 
 @dataclass(frozen=True)
 class ImageMatch:
-    """Gain that an effect could bring, before any fit.
+    """Gain that an effect could bring, estimated before any fit.
 
     Args:
         candidate: The effect.
-        gain: Squared residual that the best of its groups would take away.
-        start: Parameters to begin a fit with.
+        gain: Reduction of the squared residual by the best of the effect's groups.
+        start: Parameters from which to start a fit.
     """
 
     candidate: Candidate
@@ -52,7 +52,7 @@ class ImageMatch:
 
 
 def signatures(view: ImageResiduals, who: Sequence[Candidate]) -> list[Group]:
-    """Signatures of effects in the views of a role."""
+    """Compute the signatures of effects in the views of a role."""
     plain, out = view.residual(), []
     for candidate in who:
         effect = candidate.effect
@@ -70,26 +70,26 @@ def signatures(view: ImageResiduals, who: Sequence[Candidate]) -> list[Group]:
 
 
 def gains_of(along: Array, gram: Array, lows: Array) -> tuple[float, Array]:
-    """Squared residual that signatures take away together, and their factors, none below its smallest.
+    """Return the reduction of the squared residual by a weighted sum of signatures, and the weights. [S].
 
     Args:
-        along: Scalar products with the residual. [S].
-        gram: Among each other. [S, S].
-        lows: Smallest factors. [S].
+        along: Scalar products of the signatures with the residual. [S].
+        gram: Scalar products among the signatures (Gram matrix). [S, S].
+        lows: Smallest allowed weights. [S].
     """
     values, vectors = np.linalg.eigh(gram)
     inverse = np.where(values > _SLIGHT * max(values[-1], 1e-300), 1.0 / np.maximum(values, 1e-300), 0.0)
     factors = np.maximum(vectors @ (inverse * (vectors.T @ along)), lows)
-    # Where a bound was met the others no longer fit; some of it is better than none.
+    # If a weight was clipped, the others are no longer optimal, and the sum may even increase the residual.
     return max(float(2.0 * factors @ along - factors @ gram @ factors), 0.0), factors
 
 
 def screen(groups: Sequence[Group], residual: Array) -> list[ImageMatch]:
-    """Effects, the largest gain first.
+    """Rank effects by their estimated gain, the largest first.
 
     Args:
         groups: Signatures.
-        residual: Residual in units of the noise. [T, C].
+        residual: Residual in units of the noise, as from `ImageResiduals.residual`. [N * h + N, 3 * w].
     """
     flat = residual.ravel()
     best: dict[Any, Any] = {}
@@ -106,7 +106,7 @@ def screen(groups: Sequence[Group], residual: Array) -> list[ImageMatch]:
 
 
 def lengths(groups: Sequence[Group]) -> dict[str, float]:
-    """Squared length of the longest signature of each effect, at the sizes where one begins to look."""
+    """Return the squared length of the longest signature of each effect, at its start sizes and shapes."""
     out: dict[str, float] = {}
     for group in groups:
         longest = float((group.tables**2).sum(axis=1).max())
@@ -115,11 +115,11 @@ def lengths(groups: Sequence[Group]) -> dict[str, float]:
 
 
 def unseen_of(view: ImageResiduals, who: Sequence[Candidate], groups: Sequence[Group]) -> tuple[str, ...]:
-    """Names of the candidates that do not show in these photos at their typical size, or that these photos cannot tell.
+    """Return the names of candidates that these photos cannot identify or in which they do not show at their start sizes.
 
     Args:
-        view: Photos and the noise.
-        who: Candidates.
+        view: Residuals on the photos.
+        who: Candidate effects.
         groups: Signatures of the candidates.
     """
     seen = lengths(groups)
@@ -127,7 +127,7 @@ def unseen_of(view: ImageResiduals, who: Sequence[Candidate], groups: Sequence[G
 
 
 def cosines(groups: Sequence[Group]) -> tuple[list[str], Array]:
-    """Names of the effects, and cosines of their longest signatures, which tell how similar they are. [N, N]."""
+    """Return the effects' names, and the absolute cosines between their longest signatures as similarities. [N, N]."""
     longest: dict[str, Array] = {}
     for group in groups:
         row = max(group.tables, key=lambda table: float((table**2).sum()))

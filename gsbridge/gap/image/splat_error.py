@@ -1,10 +1,10 @@
-"""What drawn pictures lack beside photos of the same states, learnt from photos that were taken while all was well.
+"""Model error of rendered images compared with photos of the same states, learnt from photos taken while all was well.
 
-Splats are softer than a lens, have floaters, and were filmed in another light by another camera. All this is there before
-anything changes, and again on the day that is to be explained: it is the error of the model. It is learnt in three steps from
-photos of the registration's day. What effects of a camera explain is fitted (`calibrate`). What is left is averaged by place
-(`gsbridge.gap.image.cells`), and these means are added to what is drawn. What is left of views that took no part in this is the
-error: a variance by place, and spreads of its details, colours and common part (`gsbridge.gap.image.layers`).
+Splats are softer than a lens, have floaters, and were filmed in another light by another camera. These errors exist before
+anything changes, and equally on the day that is diagnosed: they are the model error. It is learnt in three steps from photos of
+the registration's day. First, effects of the camera are fitted (`calibrate`). Second, the residuals are averaged by place
+(`gsbridge.gap.image.cells`), and these means are added to rendered images. Third, the residuals that remain on held-out views
+give the model error: a variance by place, and variances by scale, colour and common part (`gsbridge.gap.image.layers`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from gsbridge.gap.image.residuals import COARSE, HEIGHT, PLACE, ImageResiduals, 
 from gsbridge.geometry import Array
 
 FEWEST, ENOUGH = 9, 18
-"""Photos of the day on which all was well: at the least, and from which on nothing is said about their number."""
+"""Numbers of photos of the registration's day: the least that is accepted, and the least that gives no warning."""
 
 CALIBRATED = (
     "exposure",
@@ -43,36 +43,37 @@ CALIBRATED = (
     "focal",
     "distortion",
 )
-"""Effects whose sizes on that day are fitted together; none of them is a finding."""
+"""Effects that the calibration fits jointly to photos of the registration's day; none of them is a finding."""
 
 _FOLDS = 3
-"""Groups of views, each of which is once left out."""
+"""Number of folds of the cross-validation over views."""
 
 _ROUNDS = 8
-"""Steps of the calibration at most; it needs to be good to a fraction of what is left."""
+"""Largest number of steps of the calibration, whose error need only be small compared with what remains afterwards."""
 
 _FITTED = 12
-"""Views that are fitted, about."""
+"""Approximate number of views to which the calibration is fitted."""
 
 _ROUGH = 0.03
-"""Deviation of a pixel, encoded, before anything is known."""
+"""Standard deviation of an encoded pixel that is assumed before the model error is learnt."""
 
 _CLIPPED = 3.0
-"""Deviations beyond which a pixel counts no more in the calibration: things that lie about and were never filmed."""
+"""Robust standard deviations beyond which the calibration ignores a pixel, such as one of things that were never filmed."""
 
 _LEAST = (0.5 / 255.0) ** 2
-"""Variance of a pixel at the least: photos are rounded."""
+"""Smallest variance of a pixel, due to the rounding of photos to 8 bits."""
 
 
 @dataclass(frozen=True)
 class SplatError:
-    """What drawn pictures lack, and how much more they may.
+    """Systematic error of rendered images, and the variance of what remains after its correction.
 
     Args:
-        calibration: Effects of the camera as it was.
-        lack: What is left by place of pictures with these effects.
-        layers: Spreads of what is left of that, by the rows at which pictures are compared.
-        left: Root mean squares, encoded: photos less pictures as drawn, as calibrated, and corrected by other views.
+        calibration: Effects of the camera on the registration's day.
+        lack: Residuals by place that remain after the calibration.
+        layers: Variances of what remains after both corrections, by the number of rows at which images are compared.
+        left: Root mean squares of photos minus rendered images, in encoded values: as rendered, after calibration, and after
+            correction learnt from other views.
     """
 
     calibration: tuple[Applied, ...]
@@ -81,7 +82,7 @@ class SplatError:
     left: tuple[float, float, float]
 
     def corrected(self, pairs: Pairs) -> Pairs:
-        """Drawn pictures, reduced, as the camera would have shown them while all was well."""
+        """Return reduced rendered images as the camera would have shown them while all was well."""
         drawn = calibrated(pairs, self.calibration)
         view = plain_view(drawn)
         before = np.clip(drawn.before + self.lack.at(view)[0], 0.0, 1.0)
@@ -89,13 +90,13 @@ class SplatError:
 
 
 class SplatResiduals(ImageResiduals):
-    """Photos less corrected pictures, in units of the error that these have.
+    """Photos minus corrected rendered images, in units of the model error.
 
     Args:
-        pairs: Pictures from `SplatError.corrected`, and photos.
-        error: What they may lack.
-        height: Rows, about, at which they are compared.
-        expectation: Expectation of the same pictures, where there is one.
+        pairs: Corrected images from `SplatError.corrected` (`before`), and photos (`after`).
+        error: Model error of these images.
+        height: Approximate number of rows to compare.
+        expectation: `Expectation` of the same images to reuse; None makes one.
     """
 
     model_tolerance = 1e-2
@@ -111,40 +112,40 @@ class SplatResiduals(ImageResiduals):
         return (self.error.lack.at(self)[1] + _LEAST + PLACE**2 * slopes_of(before))[..., None]
 
     def apart(self, how: Shooting) -> Array:
-        """Photos less expected ones, every part in units of its spread. [N, h, w, 3]."""
+        """Return photos minus expected ones, every part in units of its standard deviation. [N, h, w, 3]."""
         plain = super().apart(how)
         return plain if self._spread_of is None else self._spread_of.whitened(plain)
 
     def replicate(self, rng: np.random.Generator) -> Array:
-        """A residual in which nothing has changed, from what is left of the registration's views. [N * h + N, 3 * w]."""
+        """Draw a residual in which nothing has changed, from held-out residuals of the registration. [N * h + N, 3 * w]."""
         count, height, width = self.shape
         assert self._spread_of is not None
         white = self._spread_of.replicate(self.mask[..., None], rng)
         return np.concatenate([white.reshape(count * height, 3 * width), np.zeros((count, 3 * width), np.float32)])
 
     def tells(self, candidate: Candidate) -> bool:
-        """Whether an effect can be told at all: drawn pictures have no noise to compare."""
+        """Whether photos can identify an effect at all: effects on noise cannot be, since rendered images have none."""
         return super().tells(candidate) and not candidate.effect.noise_only
 
     def coarse(self) -> ImageResiduals:
-        """These views in few rows."""
+        """Return these views in so few rows that large displacements can be found."""
         return SplatResiduals(self.pairs, self.error, height=COARSE, expectation=self.expectation)
 
 
 def plain_view(pairs: Pairs) -> ImageResiduals:
-    """Drawn pictures and photos with the same spread everywhere."""
+    """Return residuals of rendered images and photos with the same standard deviation for all pixels."""
     return ImageResiduals(pairs, PhotoNoise(0.5 * _ROUGH**2, 0.0), compare_noise=False)
 
 
 def calibrated(pairs: Pairs, effects: Sequence[Applied]) -> Pairs:
-    """Drawn pictures as a camera with some effects shows them."""
+    """Apply effects of the camera to rendered images and to their poses."""
     how = shooting(effects, pairs.edge)
     before = Expectation(pairs).photos(how)
     return replace(pairs, before=before, again=before, poses=how.mount @ pairs.poses)
 
 
 def calibrate(pairs: Pairs) -> tuple[Applied, ...]:
-    """Fit effects of the camera to photos, all together; what lies about and is not drawn is left out."""
+    """Fit the effects in `CALIBRATED` to photos jointly, without outlying pixels such as those of things never filmed."""
     who = [ImageCandidate(name) for name in CALIBRATED]
     starts = [{p.name: 0.0 if p.amplitude else p.typical for p in one.effect.parameters} for one in who]
     pairs = subset(pairs, range(0, len(pairs), -(-len(pairs) // _FITTED)))
@@ -158,7 +159,7 @@ def calibrate(pairs: Pairs) -> tuple[Applied, ...]:
 
 
 def reduced(pairs: Pairs) -> Pairs:
-    """Pictures of about as many pixels as they are compared in: drawn ones hold no finer detail."""
+    """Reduce images to about the size at which they are compared, since rendered images hold no finer detail."""
     size = shrinking(pairs)
     if size == 1:
         return pairs
@@ -173,10 +174,10 @@ def reduced(pairs: Pairs) -> Pairs:
 
 
 def learn_splat_error(registration: Pairs) -> SplatError:
-    """Learn what drawn pictures lack from photos of the day on which all was well.
+    """Learn the model error of rendered images from photos of the registration's day.
 
     Args:
-        registration: Drawn pictures (`before`) and photos (`after`) of that day.
+        registration: Rendered images (`before`) and photos (`after`) of that day.
 
     Raises:
         InputError: There are too few photos.
@@ -212,10 +213,10 @@ def learn_splat_error(registration: Pairs) -> SplatError:
 
 
 def check_enough(registration: Pairs) -> None:
-    """Refuse too few photos of the day on which all was well.
+    """Check that there are enough photos of the registration's day.
 
     Raises:
-        InputError: They are too few.
+        InputError: There are fewer than `FEWEST`.
     """
     if len(registration) < FEWEST:
         raise InputError(
@@ -226,7 +227,7 @@ def check_enough(registration: Pairs) -> None:
 
 
 def subset(pairs: Pairs, chosen: Sequence[int]) -> Pairs:
-    """Some of the views."""
+    """Return some of the views, by their numbers."""
     rows = list(chosen)
     parts = {name: getattr(pairs, name)[rows] for name in ("before", "again", "after", "depths", "poses")}
     return replace(pairs, **parts)

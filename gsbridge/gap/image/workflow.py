@@ -1,4 +1,4 @@
-"""What the stages of the workflow do with pictures: from photos to findings, and from findings to the simulation's camera."""
+"""Workflow stages for camera images: from photos to findings, and from findings to the simulation's camera model."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ from gsbridge.sim.model import parse_model
 logger = logging.getLogger("gsbridge")
 
 _SHOWN = 4
-"""Views in the pictures that a report shows."""
+"""Number of views that a report shows."""
 
 
 @dataclass(frozen=True)
 class ImageBackend(CaseBackend):
-    """A case about pictures; see `gsbridge.gap.diagnosis.backend.Backend`.
+    """A case of camera images; see `gsbridge.gap.diagnosis.backend.Backend`.
 
     Args:
         case: The case.
@@ -59,18 +59,18 @@ class ImageBackend(CaseBackend):
         """Read a case from its file and check it.
 
         Raises:
-            InputError: It cannot be used.
+            InputError: The case cannot be used.
         """
         return cls(read_image_case(path))
 
     @classmethod
     def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> ImageBackend:
-        """Make a case of pictures again from what `save` and `about` have left.
+        """Restore a case from what `save` and `about` stored.
 
         Args:
             model: File of the model.
             data: File that `save` wrote (`.npz`).
-            about: What `about` gave, read from `records.json`.
+            about: Result of `about`, read from `records.json`.
 
         Raises:
             InputError: A file is missing or damaged.
@@ -85,12 +85,12 @@ class ImageBackend(CaseBackend):
         save_pairs(data, {**self.case.pairs, **early})
 
     def about(self) -> dict[str, Any]:
-        """Content of `records.json`."""
+        """Return the content of `records.json`."""
         digest = hashlib.sha256(self.case.model.read_bytes()).hexdigest()
         return self.described(digest, PHOTOS, {role: _about(part) for role, part in self.case.pairs.items()})
 
     def _views(self) -> dict[str, ImageResiduals]:
-        """Photos in units of the noise, or of what drawn pictures lack, by role."""
+        """Return residuals by role, in units of the noise, or of the model error if photos are compared with renderings."""
         if self.case.registration is not None:
             error = learn_splat_error(self.case.registration)
             return {role: SplatResiduals(error.corrected(reduced(part)), error) for role, part in self.case.pairs.items()}
@@ -98,7 +98,7 @@ class ImageBackend(CaseBackend):
         return {role: ImageResiduals(part, noise) for role, part in self.case.pairs.items()}
 
     def compare(self) -> dict[str, Any]:
-        """Differences of the photos, and a map of where they show: `comparison.json`."""
+        """Return the content of `comparison.json`: sizes of the photos' differences, and maps of where they show."""
         views = self._views()
         return {
             "unit": ImageAccount.unit,
@@ -107,7 +107,7 @@ class ImageBackend(CaseBackend):
         }
 
     def screen(self, bank: str | Path) -> dict[str, Any]:
-        """Say before any fit what the photos can tell apart: `screen.json`. Nothing is kept: `bank` stays as it is."""
+        """Return the content of `screen.json`: which effects the photos can tell apart, before any fit. `bank` is not used."""
         view, who = self._views()["fit"], image_candidates(self.case.names)
         groups = signatures(view, [one for one in who if view.tells(one)])
         return {
@@ -119,7 +119,7 @@ class ImageBackend(CaseBackend):
         }
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
-        """Diagnose the case without a bank. Returns the content of `findings.json`, proven on the third role."""
+        """Return the content of `findings.json`: the diagnosis, verified on the role `verify`. `bank` is not used."""
         case = self.case
         if case.registration is None:
             diagnosis = diagnose_images(case.pairs, names=case.names, seed=seed)
@@ -131,7 +131,7 @@ class ImageBackend(CaseBackend):
         return found | {PHOTOS: {role: {"views": len(part), "repeats": part.repeats} for role, part in case.pairs.items()}}
 
     def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
-        """Write the simulation's model with the named effects that it can play; the others stand in its head."""
+        """Write the simulation's model with those named effects that it can reproduce; list the others in the file's head."""
         played = [item for item in findings["amended"] if IMAGE_EFFECTS[item["name"]].amendable]
         left = [IMAGE_EFFECTS[item["name"]] for item in findings["amended"] if item not in played]
         for effect in left:
@@ -139,11 +139,11 @@ class ImageBackend(CaseBackend):
         _write_camera(model, findings, played, out, [f"not held: {effect.name} ({effect.reason})" for effect in left])
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Photos of `verify` and what is expected, and of every role what is apart before and after.
+        """Compare the photos of every role with the expected ones, without and with some effects.
 
         Returns:
-            As `write_image_findings` puts into `pictures`; and `replays.json`: differences before and after, and a map of what
-            remains.
+            The arrays that `write_image_findings` describes as `pictures`, for the role `verify`; and the content of
+            `replays.json`: for each role, the sizes of the residuals without and with the effects, and a map of what remains.
         """
         views, rows = self._views(), {}
         for role, view in views.items():
@@ -159,7 +159,7 @@ class ImageBackend(CaseBackend):
 
 
 def _model_error(error: SplatError) -> dict[str, Any]:
-    """What drawn pictures lack: an entry of `findings.json`."""
+    """Return the entry of `findings.json` on the model error: what rendered images lack compared with photos."""
     drawn, calibrated, corrected = error.left
     return {
         "model_error": {
@@ -170,7 +170,7 @@ def _model_error(error: SplatError) -> dict[str, Any]:
 
 
 def _about(part: Pairs) -> dict[str, Any]:
-    """What a person wants to know about the photos of a role."""
+    """Return the entry of `records.json` that describes the photos of a role."""
     return {
         "name": part.name,
         "views": len(part),
@@ -184,7 +184,7 @@ def _about(part: Pairs) -> dict[str, Any]:
 
 
 def _differences(view: ImageResiduals) -> dict[str, Any]:
-    """Differences of the photos of one role, and where they show."""
+    """Return the entry of `comparison.json` for one role: sizes of the photos' differences, and a map of where they show."""
     table = view.residual()
     return {
         "whole": view.size_of(table),
@@ -205,19 +205,19 @@ def write_image_findings(
     shot: int = 0,
     names: Collection[str] | None = None,
 ) -> None:
-    """Diagnose what changed between photos.
+    """Diagnose what changed between photos, and write the findings and the images for a report.
 
     Args:
-        views: Folder that says what the views are (`gsbridge.gap.image.files`).
+        views: Folder that describes the views (`gsbridge.gap.image.files`).
         before: Folder of earlier photos.
         after: Folder of later photos.
-        findings: `findings.json`.
-        pictures: What a report shows of some views of `verify` (`.npz`): photos `before`, `after` and as `expected`,
-            [N, H, W, 3]; where they are `compared`, and what is apart before (`gap`) and with the explanation (`left`), in
-            units of the noise, [N, h, w].
+        findings: File to write: `findings.json`.
+        pictures: File to write (`.npz`), with images of some views of `verify` for a report: photos `before` and `after`, and
+            the later photos as `expected`, [N, H, W, 3]; a mask of the pixels that are `compared`, and the mean absolute
+            residual without (`gap`) and with the explanation (`left`), in units of the noise, [N, h, w].
         seed: Seed of replicates.
-        shot: Which of the later photos counts.
-        names: Effects that may be the reason; None for all.
+        shot: Number of the later photo of each view that is diagnosed.
+        names: Effects among which the diagnosis searches; None for all.
 
     Raises:
         InputError: Photos, views or depths cannot be used; nothing is written then.
@@ -234,7 +234,7 @@ def write_image_findings(
 
 
 def _pictures(view: ImageResiduals, effects: Sequence[Applied]) -> dict[str, Array]:
-    """What a report shows of the views of a role, as `write_image_findings` says."""
+    """Return the arrays for a report on the views of a role; `write_image_findings` describes them as `pictures`."""
     table = {"gap": view.residual(), "left": view.residual(effects)}
     shown = slice(0, _SHOWN)
     return {
@@ -247,17 +247,17 @@ def _pictures(view: ImageResiduals, effects: Sequence[Applied]) -> dict[str, Arr
 
 
 def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path, reference: str | Path | None = None) -> None:
-    """Write the simulation's model with the image effects that were named: a policy that learns with it sees them.
+    """Write the simulation's model with the named image effects, so that a policy trained with it sees them.
 
     Args:
-        nominal: The simulation's model as it was.
-        findings: `findings.json`.
-        model: The amended model; the evidence stands in its head.
-        reference: `findings.json` of further photos of the first day, in which nothing may be found.
+        nominal: Model file of the simulation, without the effects.
+        findings: `findings.json` of the diagnosis.
+        model: Amended model file to write; its head states the evidence.
+        reference: `findings.json` of a control: further photos of the first day, in which nothing must be found.
 
     Raises:
-        StageError: Nothing was named, or something was found in photos of one day.
-        InputError: An episode's pictures cannot have a named effect, or a file is damaged.
+        StageError: Nothing was named, or the control found a difference.
+        InputError: The simulation cannot render a named effect, or a file is damaged.
     """
     found, content = _findings(findings), read_yaml(nominal, "model", "models/nominal.yaml")
     parse_model(content, str(nominal))
@@ -286,13 +286,13 @@ def _write_camera(
     out: str | Path,
     notes: Sequence[str] = (),
 ) -> None:
-    """Write a simulation's model with further image effects, the evidence in its head.
+    """Write a simulation's model with further image effects, and with the evidence in the file's head.
 
     Args:
-        nominal: The model as it was.
-        found: What `findings.json` holds.
-        effects: To be added, as in a model file.
-        out: The amended model.
+        nominal: Model file without the further effects.
+        found: Content of `findings.json`.
+        effects: Effects to add, as entries of a model file.
+        out: Amended model file to write.
         notes: Further lines of the head.
 
     Raises:
@@ -311,10 +311,10 @@ def _write_camera(
 
 
 def _findings(path: str | Path) -> dict[str, Any]:
-    """What a diagnosis has left.
+    """Read `findings.json`.
 
     Raises:
-        InputError: It is damaged.
+        InputError: The file lacks a key.
     """
     found = read_json(path)
     missing = [key for key in ("verdict", "sentence", "amended", "records", "seed") if key not in found]
