@@ -1,1 +1,1 @@
-"""Blind benchmark: truths made by other formulations than the diagnosis knows, sealed before it begins, scored afterwards."""
+"""Blind benchmark: truths from simulators other than the diagnosis uses, sealed before the diagnosis and scored after it."""

@@ -1,4 +1,4 @@
-"""What all truths of arms share: a sampled joint controller with gravity compensation, and the log that it leaves.
+"""Simulation loop of all truths of arms: a sampled joint controller with gravity compensation, and its log.
 
 Nothing here knows the effects of the diagnosis.
 """
@@ -16,65 +16,65 @@ from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 PERIOD = 1e-3
-"""Time between two actions of the controller, s."""
+"""Period of the controller, s."""
 
 _PARTS = 4
-"""How often in a period what acts beside the engine is looked at, where the engine's steps allow it."""
+"""Number of updates per control period of drive and loads outside the engine, if it divides the number of engine steps."""
 
 
 _HANGING = 1.5
-"""Time for which links behind play or a spring hang in their controller before the log begins, s: none begins afloat."""
+"""Settling time before the log begins, s, for links behind play or a spring, which would otherwise start out of balance."""
 
 
 class ArmEngine(Protocol):
-    """A simulated arm with what its engine itself can hide."""
+    """A simulated arm with those hidden effects for which its engine has a mechanism."""
 
     def begin(self, q: Array) -> None:
-        """Put it at rest. [N]."""
+        """Start at rest at positions, rad or m. [N]."""
 
     def state(self) -> tuple[Array, Array]:
-        """Positions and speeds of one time. [N] each."""
+        """Return positions and speeds of the same time. [N] each."""
 
     def weight(self, q: Array) -> Array:
-        """Torques that hold the nominal arm. [N]."""
+        """Return the torques that hold the nominal arm against gravity, N m. [N]."""
 
     def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
-        """Simulate some steps of the engine, with constant torques.
+        """Simulate some steps of the engine with constant torques.
 
         Args:
-            asked: Torques that the controller asks of the motors, N m. [N].
-            extra: Torques that act on the joints besides, N m. [N].
-            dry: Dry friction of the joints, N m; unchanged when None. [N].
-            steps: Steps of the engine.
+            asked: Torques commanded to the motors, N m. [N].
+            extra: Additional torques on the joints, N m. [N].
+            dry: Dry friction of the joints beyond that in the engine, N m; None leaves it unchanged. [N].
+            steps: Number of engine steps.
         """
 
     def place(self) -> Array:
-        """Where the frame of the last link is at the time of `state`. Base frame, m. [3]."""
+        """Return the origin of the last link's frame at the time of `state`, base frame, m. [3]."""
 
     def touch(self, force: Array) -> None:
-        """Push the last link at its centre of mass from now on. Force in the world frame, N. [3]."""
+        """Apply a force to the last link at its centre of mass from now on, world frame, N. [3]."""
 
     @property
     def steps(self) -> int:
-        """Number of the engine's steps in a period of the controller."""
+        """Number of engine steps per period of the controller."""
 
     @property
     def loose(self) -> bool:
-        """Whether links move against their motors."""
+        """Whether links can move relative to their motors, because of play or elasticity."""
 
 
 def run_arm(
     engine: ArmEngine, system: MechanismModel, course: Course, duration: float, times: Array, hidden: Mapping[str, float]
 ) -> dict[str, Array]:
-    """Log of an arm that has something hidden; a `generate.Truth` but for its first two arguments.
+    """Simulate an arm with hidden effects, and return its log; a `generate.Truth` except for the first two arguments.
 
     Args:
-        engine: The simulated arm, which holds what its engine itself can hide.
+        engine: The simulated arm, with those hidden effects for which its engine has a mechanism.
         system: Model of the arm, whose controller is copied.
         course: Commands.
         duration: Length of the course, s.
         times: Times of the samples, s. [T].
-        hidden: Sizes of what is hidden, by name, `name:joint` for one joint.
+        hidden: Sizes of the hidden effects, by name (`name:joint` for one joint).
 
     Returns:
         `position`, `velocity` and `effort`, each [T, N], and `tool`, the frame of the last link, m, [T, 3].
@@ -94,9 +94,9 @@ def run_arm(
     engine.begin(sensors.place(wanted))
     out, places = np.empty((3, steps, count)), np.full((steps, 3), np.nan)
     grid = np.arange(steps) * PERIOD
-    # A clock that is late, or that loses time: a sample's stamp is not when it was taken.
+    # Clock offset and drift: a sample is taken this much earlier than its time stamp says.
     late = hidden.get("clock_offset", 0.0) + hidden.get("clock_drift", 0.0) * times
-    # The tool's place costs more than a step, and is wanted beside the samples only.
+    # The tool's position costs more than a step, so it is computed only next to the samples.
     beside = np.searchsorted(grid, times - late)[:, None] + np.arange(-1, 2)
     placed = set(np.clip(beside, 0, steps - 1).ravel().tolist())
     for number in range(-round(_HANGING / PERIOD) if engine.loose else 0, steps):
@@ -128,7 +128,7 @@ def run_arm(
 
 
 def _push(hidden: Mapping[str, float], time: float) -> Array:
-    """Force of what the arm touches: it grows and falls like half a wave. World frame, N. [3]."""
+    """Return the force of a touch at a time, half a sine wave over its duration, world frame, N. [3]."""
     share = (time - hidden["touch_at"]) / hidden["touch_for"]
     if not 0.0 < share < 1.0:
         return np.zeros(3)

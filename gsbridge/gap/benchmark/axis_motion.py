@@ -1,4 +1,4 @@
-"""Kernel of the benchmark's single axis: Runge-Kutta, ten steps per control period of 1 ms."""
+"""Simulation kernel of the benchmark's single axis: Runge-Kutta with ten steps per control period of 1 ms."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gsbridge.kernels import njit
 
 @njit(nogil=True)
 def _pull(time: float, q: float, v: float, torque: float, p: Array) -> float:
-    """Acceleration of the axis."""
+    """Return the acceleration of the axis, rad/s2."""
     dry = p[2] * (1.0 + p[20] * math.sin(5.0 * q)) + p[3] * math.exp(-((v / 0.05) ** 2))
     rub = dry * min(max(v / 5e-4, -1.0), 1.0)
     weight = p[21] * (1.0 + p[9]) * math.cos(q)
@@ -23,12 +23,12 @@ def _pull(time: float, q: float, v: float, torque: float, p: Array) -> float:
 
 @njit(nogil=True)
 def march(wanted: Array, p: Array, q: float, out: Array) -> None:
-    """Simulate the axis: ten fine steps per period of the controller.
+    """Simulate the axis with ten fine steps per period of the controller.
 
     Args:
         wanted: Commanded angle in each period of 1 ms, rad. [K].
-        p: Figures of the axis and of what is hidden, in the order that `axis_truth` fills. [27].
-        q: Angle at the beginning, rad; the axis is at rest.
+        p: Parameters of the axis and of the hidden effects, in the order in which `axis_truth` fills them. [27].
+        q: Angle at the start, rad; the axis is at rest.
         out: Result: measured angle, measured speed and the controller's torque at the start of each period. [3, K].
     """
     v, step = 0.0, 1e-3 / 10

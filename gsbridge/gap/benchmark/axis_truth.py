@@ -1,12 +1,11 @@
-"""Truths of a single axis: one equation of motion in closed form, stepped by Runge-Kutta with ten steps per control period.
+"""Truths of a single axis: its equation of motion, integrated by Runge-Kutta with ten steps per control period.
 
-Nothing here knows the effects of the diagnosis. The equation is
+Nothing here knows the effects of the diagnosis. Under a sampled controller with the torque T, the equation is
 
-    (I + J) a = k t + o + r sin(n q) - m g l cos(q) - b v - c v |v| - (F + s exp(-(v / w)^2)) sat(v / e) - K q
-              - D x exp(-x^2 / 2) - S max(q - q_s, 0),
+    (I + J) a = k T + o + A sin(2 pi f t) - m g l cos(q) - b v - c v |v| - (F (1 + P sin(5 q)) + s exp(-(v / w)^2)) sat(v / e)
+              - K q - C q^3 - D x exp(-x^2 / 2) - S max(q - q_s, 0),
 
-where x is the distance from a detent in widths of it,
-with a saturation function in place of the sign, under a sampled controller.
+where x is the distance from a detent in units of its width, and the saturation function sat replaces the sign of v.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.geometry import Array
 
 AXIS = {"inertia": 0.06, "moment": 0.2, "gravity": 9.81, "stiffness": 60.0, "damping": 4.0}
-"""The axis: inertia about it kg m2, mass times lever kg m, m/s2, controller N m/rad and N m s/rad."""
+"""The axis: moment of inertia, kg m2; mass times lever, kg m; gravity, m/s2; controller gains, N m/rad and N m s/rad."""
 
 NAMES = (
     "viscous", "coulomb", "stribeck", "quadratic_drag", "armature", "torque_gain", "effort_offset", "spring", "link_mass",
@@ -30,7 +29,7 @@ NAMES = (
     "clock_drift",
     "cubic_spring", "shaking", "patchy_friction", "detent", "stop",
 )  # fmt: skip
-"""What can be hidden; the last five are in no catalogue."""
+"""Effects that can be hidden; the last five are outside the catalogue."""
 
 _PLACES = {
     "viscous": 1, "coulomb": 2, "stribeck": 3, "quadratic_drag": 4, "armature": 5, "torque_gain": 6, "effort_offset": 7,
@@ -41,13 +40,13 @@ _PLACES = {
 
 
 def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
-    """Log of the axis when something is hidden in it.
+    """Simulate the axis with hidden effects, and return its log.
 
     Args:
         course: Commands.
         duration: Length of the course, s.
         times: Times of the samples, s. [T].
-        hidden: Sizes by name.
+        hidden: Sizes of the hidden effects, by name.
 
     Returns:
         `position`, `velocity`, `effort`. Each [T, 1].
@@ -58,7 +57,7 @@ def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str,
     for name, size in hidden.items():
         if name in _PLACES:
             p[_PLACES[name]] = size
-    # A spring that rests elsewhere pulls by a constant more.
+    # A spring with a rest angle other than zero adds a constant torque.
     p[7] += p[8] * rest_of(0)
     if "patchy_friction" in hidden:
         p[2], p[20] = hidden["patchy_friction"], 1.0
@@ -69,7 +68,7 @@ def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str,
     if "lag" in hidden:
         wanted = _slow(np.array([course(t)[0] for t in np.arange(len(grid) * 10) * 1e-4]), hidden["lag"])
     out = np.empty((3, len(grid)))
-    # It begins at rest, where its encoder says that it should be.
+    # The axis starts at rest, where its encoder measures the first command.
     march(wanted, p, (float(wanted[0]) - p[13]) / (1.0 + p[14]), out)
     late = hidden.get("clock_offset", 0.0) + hidden.get("clock_drift", 0.0) * times
     return {
@@ -80,7 +79,7 @@ def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str,
 
 
 def _slow(wanted: Array, seconds: float) -> Array:
-    """First-order filter by the trapezoidal rule on a grid of 0.1 ms, read every 1 ms."""
+    """Apply a first-order filter by the trapezoidal rule on a grid of 0.1 ms, and return every tenth value."""
     share = 1e-4 / (2 * seconds)
     top, bottom = [share / (1 + share)] * 2, [1.0, -(1 - share) / (1 + share)]
     return lfilter(top, bottom, wanted - wanted[0])[::10] + wanted[0]

@@ -1,4 +1,4 @@
-"""What others do instead, on the same records, signatures and noise: to be beaten, or not."""
+"""Simpler methods to compare this package with, on the same records, signatures and noise."""
 
 from __future__ import annotations
 
@@ -29,28 +29,31 @@ from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
 METHODS = ("gsbridge", "largest_change", "training_bic", "cosine", "sparse", "group_lasso", "cma_es", "cma_es_tenfold")
-"""This package's own, and: fit all parameters at once and name the largest change; the best training BIC; the signature of the
-largest cosine; sparse regression on signatures; cross-validated group lasso on signatures; CMA-ES on the likeliest candidates
-with the simulations of a diagnosis, and with ten times as many."""
+"""Names of the methods: first this package's own, then the baselines.
+
+`largest_change` fits all parameters at once and names the largest change; `training_bic` takes the best BIC on the fitted
+record; `cosine` takes the signature with the largest cosine; `sparse` is sparse regression on signatures; `group_lasso` is
+cross-validated group lasso on signatures; `cma_es` is CMA-ES on the likeliest candidates with as many simulations as a
+diagnosis has, and `cma_es_tenfold` with ten times as many."""
 
 SEARCHES = {"cma_es": 1, "cma_es_tenfold": 10}
-"""Multiples of a diagnosis' simulations that the searches have."""
+"""Budget of each search, as a multiple of a diagnosis' simulations."""
 
 ALARM = 0.01
-"""Probability below which a baseline takes a residual for more than noise."""
+"""p-value below which a baseline takes a residual for more than noise."""
 
 FITTED = 7
-"""Candidates that the training BIC compares."""
+"""Number of candidates that `training_bic` fits."""
 
 _REFITTED = 6
-"""Most candidates of a lasso that are fitted together."""
+"""Largest number of candidates kept by the lasso that are fitted again."""
 
 Answer = tuple[list[Applied], float | None]
-"""Effects, and by how much they lead what else the method looked at, in its own measure; None where it has no runner-up."""
+"""Named effects, and their lead over the runner-up in the method's own measure; None if there is no runner-up."""
 
 
 def available(method: str) -> str | None:
-    """Reason why a method cannot run here, or None."""
+    """Return the reason why a method cannot run here, or None."""
     if method in SEARCHES and importlib.util.find_spec("cma") is None:
         return "CMA-ES needs the package 'cma', which is not installed"
     return None
@@ -59,13 +62,13 @@ def available(method: str) -> str | None:
 def run_baseline(
     method: str, system: MechanismModel, records: Mapping[str, Record], bank_folder: str | Path, seed: int
 ) -> dict[str, Any]:
-    """Findings of a baseline, in the form of `findings.json` as far as it has any.
+    """Run a baseline, and return its findings in the form of `findings.json`.
 
     Args:
-        method: One of `METHODS` but the first.
+        method: One of `METHODS`, except the first.
         system: Model of the mechanism.
         records: Records by role; `fit` and `select` are used.
-        bank_folder: Where banks of signatures are kept.
+        bank_folder: Folder of banks of signatures.
         seed: Seed of methods that draw random numbers.
 
     Raises:
@@ -83,7 +86,7 @@ def run_baseline(
     bank = signature_bank(first, candidates(first, others=(second,)), bank_folder)
     made = mechanism.runs - before
     residual = first.residual()
-    # Theory's own test, which believes in white noise; none of these methods has another.
+    # The chi-squared test, which assumes white noise; none of these methods has a test of its own.
     loud = chi2_law.sf((residual**2).sum(), first.freedom) < ALARM
     found, lead = list[Applied](), None
     if loud:
@@ -103,22 +106,22 @@ def run_baseline(
 
 
 def sureness(before: Array, after: Array, freedom: float, lead: float | None) -> dict[str, float]:
-    """How sure of an explanation a method without a probability of its own may be, by several measures; larger is surer.
+    """Measure in several ways how sure of its explanation a method without probabilities may be; larger is surer.
 
-    None of them is right for all methods and sizes, so that each method is compared by the one that serves it best.
+    No measure is best for all methods and sizes, so each method is compared by the measure that serves it best.
 
     Args:
-        before: Residual without the explanation on a record that it was not fitted to, in units of the noise. [...].
-        after: The same with it. [...].
-        freedom: Squared residual that noise alone leaves.
-        lead: See `Answer`.
+        before: Residual without the explanation on a held-out record, in units of the noise. [...].
+        after: Residual with the explanation, likewise. [...].
+        freedom: Expected squared residual of noise alone.
+        lead: Lead over the runner-up, see `Answer`.
 
     Returns:
-        `gain`, the squared residual that it removes; `share`, as a share of what exceeds noise; `rest`, the squared residual
-        that it leaves beyond noise, with a minus; and `lead`, where there is one.
+        `gain`, the reduction of the squared residual; `share`, this reduction as a share of the excess over noise; `rest`, the
+        remaining excess over noise, negated; and `lead`, if there is one.
     """
     plain, left = (float((values.astype(np.float64) ** 2).sum()) for values in (before, after))
-    # Two standard deviations of noise: below that an excess is none, and a share of it says nothing.
+    # At least two standard deviations of noise, since a share of a smaller excess is meaningless.
     excess = max(plain - freedom, 2.0 * float(np.sqrt(2.0 * freedom)))
     found = {"gain": plain - left, "share": (plain - left) / excess, "rest": freedom - left}
     return found if lead is None else {**found, "lead": lead}
@@ -127,13 +130,13 @@ def sureness(before: Array, after: Array, freedom: float, lead: float | None) ->
 def answer(
     found: Sequence[Applied], simulations: Mapping[str, int], seconds: float, sure: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Findings of a baseline, in the form of `findings.json` as far as it has any.
+    """Write a baseline's result in the form of `findings.json`.
 
     Args:
-        found: Effects that it names, with their sizes; none where it sees no discrepancy.
-        simulations: Simulations that were made, by purpose.
-        seconds: Time that it took, s.
-        sure: How sure it is of them; see `sureness`. Empty where it names nothing.
+        found: Named effects with their sizes; empty if the baseline sees no discrepancy.
+        simulations: Number of simulations, by purpose.
+        seconds: Duration, s.
+        sure: Result of `sureness`; empty if nothing is named.
     """
     return {
         "status": "pass",
@@ -156,7 +159,7 @@ def _described(effect: Applied) -> dict[str, Any]:
 
 
 def _columns(screen: Screen, residual: Array) -> tuple[list[int], Array]:
-    """Number of the signature that explains most for each candidate, and these signatures side by side."""
+    """Return, for each candidate, the number of its best signature, and these signatures as columns. [T * C, S]."""
     gains, _ = screen.gains(screen.along(residual))
     rows = [max(group, key=lambda k: gains[k]) for group in screen.groups.values()]
     return rows, screen.shapes[rows].astype(np.float64).T
@@ -168,14 +171,14 @@ def _sized(screen: Screen, number: int, factor: float) -> Applied:
 
 
 def _typical(screen: Screen, number: int) -> float:
-    """Size of a signature's parameters in typical ones."""
+    """Return the largest ratio of a signature's amplitudes to their typical sizes."""
     signature = screen.signatures[number]
     ratios = [abs(signature.values[p.name]) / p.typical for p in signature.candidate.effect.parameters if p.amplitude]
     return max(ratios)
 
 
 def _largest(screen: Screen, residual: Array) -> Answer:
-    """All candidates together by linear least squares; the one that moved most in typical sizes."""
+    """Fit all candidates together by linear least squares, and name the largest one in units of typical sizes."""
     rows, columns = _columns(screen, residual)
     lengths = np.linalg.norm(columns, axis=0)
     factors = lsq_linear(columns / lengths, residual.ravel(), bounds=(0, np.inf), max_iter=50).x / lengths
@@ -186,7 +189,7 @@ def _largest(screen: Screen, residual: Array) -> Answer:
 
 
 def _bic(view: JointResiduals, screen: Screen, residual: Array) -> Answer:
-    """The fit with the smallest BIC on the record that it was fitted to."""
+    """Name the single effect whose fit has the smallest BIC on the fitted record."""
     best, least = list[Applied](), float((residual**2).sum())
     tried = [-least]
     for match in screen.matches(residual)[:FITTED]:
@@ -199,7 +202,7 @@ def _bic(view: JointResiduals, screen: Screen, residual: Array) -> Answer:
 
 
 def _cosine(screen: Screen, residual: Array) -> Answer:
-    """The signature that is most nearly parallel to the residual."""
+    """Name the effect whose signature has the largest cosine with the residual."""
     cosines = screen.along(residual) / np.sqrt(np.maximum(screen.sizes, 1e-300))
     number = int(np.argmax(cosines))
     best = [max(float(cosines[k]) for k in rows) for rows in screen.groups.values()]
@@ -207,7 +210,7 @@ def _cosine(screen: Screen, residual: Array) -> Answer:
 
 
 def _sparse(screen: Screen, residual: Array) -> Answer:
-    """Signatures taken one by one by what they explain beside the others, until BIC is against it."""
+    """Select signatures greedily (orthogonal matching pursuit) until BIC no longer improves."""
     shapes, left, chosen = screen.shapes.astype(np.float64), residual.ravel(), list[int]()
     lengths = np.sqrt(np.maximum(screen.sizes, 1e-300))
     factors = np.zeros(0)
@@ -227,13 +230,13 @@ def _sparse(screen: Screen, residual: Array) -> Answer:
 
 
 def _grouped(view: JointResiduals, other: JointResiduals, screen: Screen, residual: Array) -> Answer:
-    """Candidates that cross-validation keeps.
+    """Name candidates that the cross-validated group lasso keeps.
 
-    The few that explain most are fitted anew, since a lasso's own sizes are too small, and `needed` decides which stay.
+    The few that explain most are fitted again, since a lasso shrinks sizes, and `needed` decides which of them stay.
     """
     owners = list(screen.groups)
     rows = [k for who in owners for k in screen.groups[who]]
-    # Number of each candidate's columns among those rows.
+    # Range of each candidate's columns.
     ends = np.cumsum([len(screen.groups[who]) for who in owners])
     groups = [range(end - len(screen.groups[who]), end) for who, end in zip(owners, ends, strict=True)]
     columns = screen.shapes[rows].astype(np.float64).T.reshape(*residual.shape, len(rows))
@@ -243,7 +246,7 @@ def _grouped(view: JointResiduals, other: JointResiduals, screen: Screen, residu
         explained = np.abs(factors[list(group)]) * np.sqrt(screen.sizes[[rows[k] for k in group]])
         first = int(np.argmax(explained))
         sized = _sized(screen, rows[group[first]], float(factors[group[first]]))
-        # A sum may want less than nothing of what has one sign.
+        # The lasso may give a negative factor to an effect of one sign, which `scaled` clips to zero.
         if any(sized.parameters[p.name] for p in who.effect.parameters if p.amplitude):
             kept.append((float(explained[first]), who, sized))
     kept = sorted(kept, key=lambda item: -item[0])[:_REFITTED]
@@ -251,26 +254,26 @@ def _grouped(view: JointResiduals, other: JointResiduals, screen: Screen, residu
 
 
 def _searched(first: JointResiduals, second: JointResiduals, screen: Screen, method: str, seed: int) -> Answer:
-    """What is needed of that with which a search with its budget ends."""
+    """Run a CMA-ES search with the method's budget, and name the effects of its result that `needed` keeps."""
     return needed(first, second, screen, search(first, screen, SEARCHES[method] * BUDGET, seed)), None
 
 
 def ahead(values: Array) -> float | None:
-    """By how much the largest of some values exceeds the next. [K]; None for a single one."""
+    """Return by how much the largest of some values exceeds the next, or None for a single value. [K]."""
     return float(np.diff(np.sort(values)[-2:])[0]) if len(values) > 1 else None
 
 
 def needed(first: JointResiduals, second: JointResiduals, screen: Screen, found: Sequence[Applied]) -> list[Applied]:
-    """Fit a set of effects, and take back one after the other as long as BIC on a record that it was not fitted to allows.
+    """Fit a set of effects, and remove one after the other while that improves BIC on a held-out record.
 
-    What stays is fitted anew each time: of effects that look alike one takes over what the other had explained. More than a
-    diagnosis may name never stay.
+    The remaining effects are fitted again each time, since an effect can take over what a similar one had explained. Removal
+    goes on in any case until no more effects remain than a diagnosis may name.
 
     Args:
-        first: Record that sizes are fitted to.
-        second: Record that decides which stay.
-        screen: Signatures on the first.
-        found: The set, with sizes to start from.
+        first: Residuals on the record to which sizes are fitted.
+        second: Residuals on the held-out record that decides which effects stay.
+        screen: Signatures on the first record.
+        found: The set, with start sizes.
     """
     price = float(np.log(second.residual().size))
 

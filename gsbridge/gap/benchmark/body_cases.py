@@ -1,4 +1,4 @@
-"""Cases of thrown bodies: which body, what is hidden in it and how large, and the files that a user would bring."""
+"""Cases of thrown bodies: the body, the hidden effects and their sizes, and the files that a user would provide."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gsbridge.geometry import Array
 logger = logging.getLogger("gsbridge")
 
 THROWS = 30
-"""Throws of each role."""
+"""Number of throws of each role."""
 
 DURATION = 0.6
 """Length of a throw, s."""
@@ -34,35 +34,35 @@ MODEL = "model.yaml"
 URDF = "body.urdf"
 
 BODY = "body"
-"""What truths call the plant of these cases."""
+"""Name of the plant of these cases in truths."""
 
 _TRIES, _CLOSE = 9, 0.12
-"""Tries to find a size, and how near its logarithm of units has to come to the wanted one."""
+"""Largest number of steps in the search for a size, and the log ratio of shown to wanted units at which it stops."""
 
 _FAR = 1.4
-"""Factor by which what shows may miss what is wanted: what shows less, or at once more, is not hidden there."""
+"""Largest factor between shown and wanted units; an effect that shows by less or by more is not hidden in that scene."""
 
 _TOGETHER = 0.5
-"""Share of the wanted units that effects must show together: two that cancel hide nothing."""
+"""Share of the wanted units that several effects must show together, which excludes effects that cancel."""
 
 _SCENES, _REDRAWS = 4, 8
-"""Scenes that are tried for one effect, and how often another effect takes the place of one that shows in none of them."""
+"""Number of scenes tried for a set of effects, and largest number of times that an effect is replaced if it shows in none."""
 
 Parameters = dict[str, float]
 Hide = Callable[[ThrowScene, float, Array], tuple[ThrowScene, Parameters]]
-"""Scene, size and a random direction [3] -> scene with it, and the parameters of the effect that a perfect diagnosis gives."""
+"""Scene, size and random direction [3] -> scene with the effect, and the parameters that a perfect diagnosis would give."""
 
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """One thing that may be hidden.
+    """An effect that may be hidden.
 
     Args:
         low: Smallest size, SI.
-        high: Largest size that a careless model may have, SI.
-        hide: Puts it into a scene.
-        signed: Whether its size may be negative, too.
-        shapes: Bodies in which it can be hidden.
+        high: Largest size that is plausible for a careless model, SI.
+        hide: Function that puts the effect into a scene.
+        signed: Whether the size may be negative, too.
+        shapes: Shapes of the bodies in which the effect can be hidden.
     """
 
     low: float
@@ -73,7 +73,7 @@ class HiddenEffect:
 
 
 def _figure(field: str, parameter: str, *, share: bool = False, least: float = -np.inf) -> Hide:
-    """A scene's figure that is changed by the size, or by a share of itself, and is never less than `least`."""
+    """Make a function that adds the size, or a share of the value, to a field of a scene; the result is at least `least`."""
 
     def hide(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
         now = float(getattr(scene, field))
@@ -85,7 +85,7 @@ def _figure(field: str, parameter: str, *, share: bool = False, least: float = -
 
 
 def _unlike(field: str) -> Hide:
-    """A figure for which the catalogue has another law, so that no parameter can be compared."""
+    """Make a function that sets a field outside the catalogue's laws, so that no parameter can be compared."""
 
     def hide(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
         content: dict[str, Any] = {field: size}
@@ -95,7 +95,7 @@ def _unlike(field: str) -> Hide:
 
 
 def _vector(field: str, names: tuple[str, ...]) -> Hide:
-    """A direction, drawn at random."""
+    """Make a function that adds a vector of the given size, in a random direction, to a field of a scene."""
 
     def hide(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
         along = way[: len(names)] / np.linalg.norm(way[: len(names)])
@@ -106,31 +106,31 @@ def _vector(field: str, names: tuple[str, ...]) -> Hide:
 
 
 def _resize(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
-    """Larger in all lengths with the mass properties of before."""
+    """Scale all lengths of the body but keep its mass properties."""
     grown = tuple(edge * (1.0 + size) for edge in scene.edges)
     return replace(scene, edges=grown, inertia=scene.inertia / (1.0 + size) ** 2), {"share": size}
 
 
 def _soften(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
-    """A contact that swings with a period of `size` seconds, half damped."""
+    """Make the contact a spring and damper with a period of `size` seconds and a damping ratio of 0.5."""
     pulse = 2 * np.pi / size
     return replace(scene, compliance=1.0 / (scene.mass * pulse**2), softened=scene.mass * pulse), {}
 
 
 def _push(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
-    """A force that accelerates the body by `size` m/s2."""
+    """Add a horizontal force that accelerates the body by `size` m/s2."""
     along = scene.mass * size * way[:2] / np.linalg.norm(way[:2])
     return replace(scene, force=tuple(np.asarray(scene.force) + along)), {"x": float(along[0]), "y": float(along[1])}
 
 
 def _late(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
-    """Start speeds of a later moment, by whole steps of the engine: between them it has none to log."""
+    """Log start speeds of an earlier time; the lag is a whole number of engine steps, as speeds exist only at steps."""
     lag = STEP * round(size / STEP)
     return replace(scene, lag=lag), {"time": lag}
 
 
 def _heavier(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
-    """Heavier, with a force that does not grow with the mass."""
+    """Scale the mass, but not the force that acts on the body."""
     return replace(scene, mass=scene.mass * (1.0 + size)), {"share": size}
 
 
@@ -155,7 +155,7 @@ KNOWN: Mapping[str, HiddenEffect] = {
     "tracking_rate": HiddenEffect(0.005, 0.15, _figure("clock", "share", share=True), signed=True),
     "tracking_scale": HiddenEffect(0.005, 0.15, _figure("stretched", "share", share=True), signed=True),
 }
-"""All effects of bodies; ranges were stated before anything was diagnosed."""
+"""All effects of bodies in the catalogue; their ranges were fixed before any diagnosis."""
 
 STRANGE: Mapping[str, HiddenEffect] = {
     "magnus": HiddenEffect(0.005, 0.4, _unlike("magnus")),
@@ -165,19 +165,19 @@ STRANGE: Mapping[str, HiddenEffect] = {
     "slosh": HiddenEffect(0.05, 0.6, _unlike("slosh")),
     "bump": HiddenEffect(5e-4, 0.015, _unlike("bump")),
 }
-"""What no catalogue holds: a spin that carries the body aside, friction that depends on the place, wind that comes and goes, a
-tracker whose lengths are bent, something that swings inside, a wavy surface."""
+"""Effects outside the catalogue: a force sideways to a spinning body, friction that depends on the place, wind that comes and
+goes, a nonlinear scale of the tracker, a mass that swings inside the body, a wavy surface."""
 
 UNKNOWN_OF = {"development": ("magnus", "patchy"), "scored": ("gust", "bent", "slosh", "bump")}
-"""Families of what is unknown, by split: none is in both."""
+"""Names of the effects outside the catalogue by split; none is in both."""
 
 _TWINS = (("object_mass", "steady_force"), ("gravity_scale", "tracking_rate"))
-"""The same equation: a force that is steady accelerates a body of half the mass as twice the force does; and where contacts are
-hard and nothing else has a time of its own, a slow clock is a weak gravity."""
+"""Pairs of effects with the same equation of motion. Half the mass doubles the acceleration by a steady force, as twice the
+force does. If contacts are hard and nothing else sets a time scale, a slow clock is equivalent to a weak gravity."""
 
 
 def body_twins(names: tuple[str, ...]) -> list[list[str]]:
-    """Sets of effects that are the same equation as what is hidden, itself not among them."""
+    """Return the other sets of effects with the same equation of motion as the hidden ones."""
     sets: set[frozenset[str]] = {frozenset()}
     for name in names:
         alike = {name}.union(*(group for group in _TWINS if name in group))
@@ -190,13 +190,13 @@ class BodyCase:
     """A sealed truth and its throws.
 
     Args:
-        hidden: Sizes of what is hidden, by name.
-        parameters: Parameters that a perfect diagnosis gives, by name; none where the law is another than the catalogue's.
-        units: How well what shows most shows; see `gsbridge.gap.benchmark.body_visibility`.
-        model: Content of the model's file.
-        files: Files that the model names, by name.
+        hidden: Sizes of the hidden effects, by name.
+        parameters: Parameters that a perfect diagnosis would give, by name; empty for laws outside the catalogue.
+        units: Visibility of the most visible effect; see `gsbridge.gap.benchmark.body_visibility`.
+        model: Content of the model file.
+        files: Contents of the files that the model names, by name.
         throws: Throws by role.
-        settings: The scene in words, for the truth's file.
+        settings: Main settings of the scene, for the truth's file.
     """
 
     hidden: Mapping[str, float]
@@ -209,16 +209,16 @@ class BodyCase:
 
 
 def draw_shown_case(names: tuple[str, ...], units: float, seed: int, pool: Sequence[str]) -> BodyCase:
-    """A case in which what is hidden shows as wanted; what shows in no scene gives way to another effect.
+    """Draw a case whose hidden effects show as wanted; replace effects that show in no scene.
 
     Args:
-        names: What is hidden first, of `KNOWN` or `STRANGE`.
-        units: Size of each; see `gsbridge.gap.benchmark.body_visibility`.
+        names: Effects to hide first, of `KNOWN` or `STRANGE`.
+        units: Visibility of each; see `gsbridge.gap.benchmark.body_visibility`.
         seed: Seed of everything.
-        pool: What may be hidden instead.
+        pool: Effects that may be hidden instead.
 
     Raises:
-        InputError: Nothing shows.
+        InputError: No effect shows as wanted.
     """
     rng, failed = np.random.default_rng([seed, 1]), set[str]()
     for _ in range(_REDRAWS):
@@ -241,13 +241,13 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
     """Draw a body and hide something in it.
 
     Args:
-        names: What is hidden, of `KNOWN` or `STRANGE`; each of `units` by itself.
-        units: Size of each; see `gsbridge.gap.benchmark.body_visibility`.
+        names: Effects to hide, of `KNOWN` or `STRANGE`.
+        units: Visibility of each by itself; see `gsbridge.gap.benchmark.body_visibility`.
         seed: Seed of everything.
-        count: Throws of each role.
+        count: Number of throws of each role.
 
     Raises:
-        NotShownError: It has no size at which it shows so, or all together show much less, or two are the same equation.
+        NotShownError: An effect shows as wanted at no size, all together show much less, or two have the same equation.
     """
     if any(len({*names}.intersection(group)) > 1 for group in _TWINS):
         raise NotShownError(names[-1], f"{' and '.join(names)} are one equation, and would hide as one of them")
@@ -273,7 +273,7 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
         hidden[name] = signs[name] * size
         found = max(found, shown)
     if "object_com" in entries and "linear_damping" in entries:
-        # It acts beside the centre of mass, which the catalogue's law does not.
+        # This damping acts beside the shifted centre of mass, unlike the catalogue's law, so it has no true parameter.
         parameters["linear_damping"] = {}
     if len(names) > 1 and seen.units(scene) < _TOGETHER * units:
         raise NotShownError(names[-1], f"{' and '.join(names)} hardly show together in a {bare.shape}")
@@ -288,7 +288,7 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
 
 
 def _drawn_scene(shape: str, names: tuple[str, ...], rng: np.random.Generator) -> ThrowScene:
-    """A body without anything hidden."""
+    """Draw a scene without any hidden effect."""
     edge = float(rng.uniform(0.05, 0.12))
     edges = tuple(float(value) for value in edge * rng.uniform(0.7, 1.3, 3)) if shape == "box" else (edge,) * 3
     scene = ThrowScene(
@@ -303,13 +303,13 @@ def _drawn_scene(shape: str, names: tuple[str, ...], rng: np.random.Generator) -
     if "tracking_lag" in names or rng.random() < 0.2:
         scene = replace(scene, lag=0.0)
     if "object_mass" in names:
-        # In free flight and sliding a mass shows nowhere: something must pull.
+        # In free flight and sliding the mass has no influence, so that a force is needed.
         scene = replace(scene, force=tuple(scene.mass * rng.uniform(0.5, 1.5) * np.array([1.0, 0.5])))
     return scene
 
 
 def _sized(entry: HiddenEffect, shown: Callable[[float], float], units: float) -> tuple[float, float]:
-    """A size within its range that shows as wanted, or the nearest, and how it shows."""
+    """Return the size in an effect's range whose visibility is nearest to the wanted one, and that visibility, in units."""
     low, high = entry.low, entry.high
     best = (high, shown(high))
     if best[1] <= units:
@@ -325,7 +325,7 @@ def _sized(entry: HiddenEffect, shown: Callable[[float], float], units: float) -
 
 
 def _model(scene: ThrowScene) -> dict[str, Any]:
-    """What the simulation believes: all but what is hidden."""
+    """Return the content of the model file: the scene without the hidden effects."""
     model: dict[str, Any] = {"controller": {"mode": "body"}, "contact": {"friction": scene.friction}}
     if scene.shape == "box":
         model |= {"box": list(scene.edges), "mass": scene.mass}
@@ -338,10 +338,10 @@ def _model(scene: ThrowScene) -> dict[str, Any]:
 
 
 def write_body_case(folder: Path, case: BodyCase) -> dict[str, str]:
-    """Write what a user would bring.
+    """Write the files that a user would provide.
 
     Args:
-        folder: Gets the case, its model and its throws.
+        folder: Folder for the case file, the model and the throws.
         case: The case.
 
     Returns:

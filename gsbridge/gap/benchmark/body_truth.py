@@ -1,4 +1,4 @@
-"""Throws of a body in MuJoCo, whose contacts are another formulation than those of the engine that diagnoses them.
+"""Throws of a body in MuJoCo, whose contact model differs from that of the engine used by the diagnosis.
 
 Nothing here knows the effects of the diagnosis.
 """
@@ -21,18 +21,18 @@ STEP = 5e-4
 """Step of MuJoCo, s."""
 
 _REBOUND = 1500.0
-"""Natural frequency of a contact that gives something back, rad/s."""
+"""Natural frequency of a contact with restitution, rad/s."""
 
 _FINER = 10
-"""Steps in one `STEP` where contacts give something back. Such a contact lasts about four times `STEP`, too few steps to follow
-it: how much of its speed a ball got back would depend on the moment of a step at which it touches."""
+"""Number of engine steps per `STEP` if contacts have restitution. Such a contact lasts about four times `STEP`; with so few
+steps, the rebound of a ball would depend on the moment within a step at which it touches."""
 
 _SHAKEN = (7.0, 2 * np.pi)
-"""Frequencies of a gust, rad/s: along x and along y."""
+"""Frequencies of a gust along x and along y, rad/s."""
 
 
 class RunawayError(ValueError):
-    """MuJoCo cannot follow a throw."""
+    """The simulation of a throw diverges."""
 
 
 @dataclass(frozen=True)
@@ -41,37 +41,37 @@ class ThrowScene:
 
     Args:
         shape: `box` or `ball`.
-        edges: Edges of the box, m; a ball has the first of them as its diameter.
-        mass: kg.
-        inertia: Factor on the moments of the solid body.
+        edges: Edges of the box, m; the diameter of a ball is the first of them.
+        mass: Mass, kg.
+        inertia: Factor on the moments of inertia of the solid body.
         com: Centre of mass in the body frame, m. [3].
-        friction: Sliding friction of the pair.
-        spinning: Lever arm of spinning friction, m; none at zero.
-        rolling: Lever arm of rolling friction, m; none at zero.
-        restitution: Share of its speed that a ball gets back.
-        compliance: How far one newton pushes a contact in, m/N; a hard one at zero.
+        friction: Coefficient of sliding friction between body and surface.
+        spinning: Lever arm of spinning friction, m; zero for none.
+        rolling: Lever arm of rolling friction, m; zero for none.
+        restitution: Coefficient of restitution.
+        compliance: Compliance of the contact, m/N; zero for a hard contact.
         softened: Damping of a soft contact, N s/m.
-        gravity: m/s2.
-        linear: Loss of speed in the air, N s/m per kg; it acts at the middle of the body.
-        angular: Loss of spin in the air, N m s per moment of inertia.
+        gravity: Gravity, m/s2.
+        linear: Damping of the velocity, 1/s; it acts at the origin of the body frame.
+        angular: Damping of the spin, 1/s.
         force: Steady force along x and y, N. [2].
         density: Density of the air, kg/m3, for MuJoCo's drag.
         height: Height of the surface, m.
         tilt: Tilt of the surface about x and y, rad. [2].
         slowness: Time constant of the contact, s.
-        rate: Samples per second.
+        rate: Sampling rate, Hz.
         duration: Length of a throw, s.
-        noise: Noise of positions, m, and of attitudes, rad.
+        noise: Standard deviations of the noise of positions, m, and of attitudes, rad.
         offset: Tracked point in the body frame, m. [3].
         stretched: Factor on all logged lengths.
         clock: Factor on all logged times.
-        lag: How late logged start speeds are, s; None where none are logged.
-        magnus: Side force per speed and spin, kg.
-        patchy: Change of the friction from one side of the surface to the other.
-        slosh: Share of the mass that swings inside on a spring.
-        gust: Force of the wind that comes and goes, N.
-        bent: Curvature of the tracker's lengths, 1/m.
-        bump: Height of a wave in the surface, m.
+        lag: Delay of logged start speeds, s; None if start speeds are not logged.
+        magnus: Magnus force per velocity and spin, kg.
+        patchy: Amplitude of the change of friction along x.
+        slosh: Share of the mass that swings inside on springs.
+        gust: Amplitude of a periodic wind force, N.
+        bent: Quadratic nonlinearity of tracked positions, 1/m.
+        bump: Amplitude of waves in the surface, m.
     """
 
     shape: str = "box"
@@ -109,16 +109,17 @@ class ThrowScene:
 
 
 def throw_box(scene: ThrowScene, count: int, seed: int, *, shaken: tuple[float, float] = (0.0, 0.0)) -> Throws:
-    """Throw a body `count` times: low, at 0.5-1.5 m/s, with spins of some rad/s.
+    """Throw a body `count` times, from a low height, at 0.5-1.5 m/s, with spins of a few rad/s.
 
     Args:
-        scene: What is thrown.
-        count: Throws.
+        scene: Body, surface, throw and log.
+        count: Number of throws.
         seed: Seed of the throws and of the noise.
-        shaken: Standard deviations by which start speeds are wrong, m/s and rad/s; the throws are otherwise the same.
+        shaken: Standard deviations of random errors that are added to the start speeds, m/s and rad/s; the throws are otherwise
+            the same.
 
     Raises:
-        RunawayError: A throw runs away: its contacts are too stiff for the engine's step.
+        RunawayError: A throw diverges, since its contacts are too stiff for the engine's step.
     """
     rng, other = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     without_log_file()
@@ -136,7 +137,7 @@ def throw_box(scene: ThrowScene, count: int, seed: int, *, shaken: tuple[float, 
         data.qvel[3:6] = rng.normal(0.0, 2.5, 3)
         data.qvel[:3] += other.normal(0.0, 1.0, 3) * shaken[0]
         data.qvel[3:6] += other.normal(0.0, 1.0, 3) * shaken[1]
-        # MuJoCo moves positions with the speed at a step's end; this is the speed half a step earlier.
+        # MuJoCo's velocity belongs to half a step before its position, so half a step's fall is taken back.
         data.qvel[2] += 0.5 * _step(scene) * scene.gravity
         mujoco.mj_forward(model, data)
         items.append(_logged(scene, model, data, rng, str(number)))
@@ -146,7 +147,7 @@ def throw_box(scene: ThrowScene, count: int, seed: int, *, shaken: tuple[float, 
 
 
 def _logged(scene: ThrowScene, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, name: str) -> Throw:
-    """One throw as a tracker sees it."""
+    """Simulate one throw and log it as a tracker does."""
     time = np.arange(int(scene.duration * scene.rate) + 1) / scene.rate
     steps = np.round(time / STEP).astype(int)
     rows: list[Array] = []
@@ -180,16 +181,16 @@ def _logged(scene: ThrowScene, model: mujoco.MjModel, data: mujoco.MjData, rng: 
 
 
 def _speeds(data: mujoco.MjData, scene: ThrowScene) -> tuple[Array, Array]:
-    """Velocity of the tracked point and angular velocity, both in the world's axes. [3], [3]."""
+    """Return the velocity of the tracked point, m/s, and the angular velocity, rad/s, both in the world frame. [3], [3]."""
     turn = rotation_from_quat(data.qpos[3:7].copy())
     spin = turn @ data.qvel[3:6]
-    # The engine's speed is ahead of its position by half a step's fall.
+    # MuJoCo's velocity belongs to half a step before its position; the body falls in between.
     velocity = data.qvel[:3] - 0.5 * _step(scene) * scene.gravity * np.array([0.0, 0.0, 1.0])
     return velocity + np.cross(spin, turn @ np.asarray(scene.offset, dtype=np.float64)), spin
 
 
 def _disturb(scene: ThrowScene, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """What acts from outside for one step."""
+    """Set the external forces, friction and surface height for the next step."""
     push = np.array([*scene.force, 0.0])
     if scene.gust:
         push[:2] += scene.gust * np.sin(np.array(_SHAKEN) * data.time + (0.4, 2.0))
@@ -204,7 +205,7 @@ def _disturb(scene: ThrowScene, model: mujoco.MjModel, data: mujoco.MjData) -> N
 
 
 def _contact(scene: ThrowScene) -> list[float]:
-    """MuJoCo's reference of a contact: hard and slow, one that rebounds, or one that gives way."""
+    """Return MuJoCo's `solref` of the contact: a soft one, one with restitution, or a hard one without."""
     if scene.compliance:
         return [-1.0 / (scene.compliance * scene.mass), -scene.softened / scene.mass]
     if scene.restitution:
@@ -214,10 +215,10 @@ def _contact(scene: ThrowScene) -> list[float]:
 
 
 def damping_ratio(restitution: float) -> float:
-    """Damping ratio of a spring and a damper that push but never pull, and give back a share of a body's speed.
+    """Return the damping ratio at which a spring and damper that push but never pull have a coefficient of restitution.
 
     Args:
-        restitution: The share, above zero and below one.
+        restitution: The coefficient, above zero and below one.
 
     Source: Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited, Granular Matter 9, 2007.
     """
@@ -231,7 +232,7 @@ def damping_ratio(restitution: float) -> float:
 
 
 def _step(scene: ThrowScene) -> float:
-    """Length of the engine's step, s."""
+    """Return the length of the engine's step, s."""
     return STEP / _FINER if scene.restitution else STEP
 
 

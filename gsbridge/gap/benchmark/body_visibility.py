@@ -1,9 +1,9 @@
-"""How well something that is hidden in a thrown body shows: in units of the smallest gap that throws can tell from none.
+"""Visibility of effects hidden in a thrown body, in units of the smallest gap that throws can distinguish from none.
 
-What shows is a residual. The model without the effect replays the truth's throws from the starts that their log tells, and each
-moment's distance between replay and log counts by what the same replay shows at that moment where nothing is hidden: noise,
-chaos and what sets the two engines apart. A unit means the same for all effects, then, also for those that change where or
-when something is logged. No effect of the diagnosis is tried here, so that nothing is sized by whether it would be named.
+The model without the effect replays the truth's throws from the start states in their log. The distance between replay and log
+at each moment is divided by the usual distance at that moment if nothing is hidden, which is due to noise, chaos and the
+difference between the two engines. A unit therefore means the same for all effects, including those that change where or when
+something is logged. No effect of the diagnosis is fitted here, so that sizes do not depend on whether an effect would be named.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from gsbridge.gap.contact.world import Flight
 from gsbridge.geometry import Array
 
 LIMIT = 3.0
-"""A unit is this many standard errors of the mean over the throws of a role, of distances in units of what is usual."""
+"""Size of a unit, in standard errors of the mean distance (relative to the usual one) over the throws of a role."""
 
 _PROBES = 30
-"""Throws by which it is measured."""
+"""Number of throws by which visibility is measured."""
 
 
 class BodyVisibility:
-    """Measures how well something shows in throws of one body.
+    """Measure of how visible effects are in throws of one body.
 
     Args:
-        model: Content of the model's file, without what is hidden.
-        files: Files that the model names, by name.
-        bare: The truth without what is hidden.
-        count: Throws of a role.
-        seed: Seed of the throws that are looked at.
+        model: Content of the model file, without the hidden effects.
+        files: Contents of the files that the model names, by name.
+        bare: Scene of the truth, without the hidden effects.
+        count: Number of throws of a role.
+        seed: Seed of the throws by which visibility is measured.
     """
 
     def __init__(self, model: Mapping[str, Any], files: Mapping[str, str], bare: ThrowScene, count: int, seed: int) -> None:
@@ -54,9 +54,9 @@ class BodyVisibility:
         self._limit = LIMIT * float(sizes.std(ddof=1)) / np.sqrt(count)
 
     def units(self, scene: ThrowScene) -> float:
-        """How much farther than usual throws of a scene are from their replay by the bare model, in units.
+        """Return by how much throws of a scene are farther than usual from their replay by the bare model, in units.
 
-        Infinitely far where one runs away.
+        The result is infinite if a throw diverges.
         """
         try:
             thrown = self._replay(scene)
@@ -68,7 +68,7 @@ class BodyVisibility:
         return ThrowReplay(self._body, throw_box(scene, _PROBES, self._seed), self._duration)
 
     def _sizes(self, replay: ThrowReplay) -> Array:
-        """Mean distance of each throw, in units of what is usual at each moment. [N]."""
+        """Return the mean distance of each throw, relative to the usual distance at each moment. [N]."""
         rows = zip(replay.flights(), replay.measured, replay.attitudes, touch_clocks(replay), strict=True)
         return np.array(
             [(point_distances(flight, at, to, replay.radius) / self._spread(since)).mean() for flight, at, to, since in rows]

@@ -1,5 +1,7 @@
-"""Truths of any arm in PyBullet, each effect by the engine's own mechanism where it has one, at an eighth of the model's
-step: what an engine's step does is no part of what is hidden.
+"""Truths of any arm, simulated in PyBullet.
+
+An effect uses the engine's own mechanism if there is one. The step is an eighth of the model's, so that the error of the
+engine's step is negligible beside the hidden effects.
 
 Nothing here knows the effects of the diagnosis.
 """
@@ -22,14 +24,14 @@ from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 _EVERY = 8
-"""Steps of the engine in a period of the controller."""
+"""Number of engine steps per period of the controller."""
 
 
 class BulletTruth:
     """An arm under a sampled joint controller with gravity compensation.
 
     Args:
-        system: Description, gains and known losses; its effects are not looked at.
+        system: Model with description, gains and known losses; its effects are ignored.
     """
 
     def __init__(self, system: MechanismModel) -> None:
@@ -37,13 +39,13 @@ class BulletTruth:
         self._skeleton = Skeleton.read(system.urdf, system.joints)
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
-        """Log of the arm when something is hidden in it; see `generate.Truth`."""
+        """Simulate the arm with hidden effects, and return its log; see `generate.Truth`."""
         with _BulletArm(self.system, self._skeleton, hidden) as engine:
             return run_arm(engine, self.system, course, duration, times, hidden)
 
 
 class _BulletArm:
-    """An arm of PyBullet in motion, and the nominal one that its controller believes in."""
+    """A simulated arm in PyBullet, and the nominal arm that its controller uses as a model."""
 
     steps, loose = _EVERY, False
 
@@ -98,7 +100,7 @@ class _BulletArm:
         return client, body, [numbers[name] for name in self._system.joints]
 
     def _velocity_motors(self, forces: Array) -> None:
-        """Motors that brake towards rest with a limited torque are the engine's dry friction."""
+        """Set dry friction as motors that brake towards rest with a limited torque."""
         self._world.setJointMotorControlArray(
             self._body, self._columns, self._world.VELOCITY_CONTROL, forces=np.abs(forces).tolist()
         )
@@ -108,14 +110,14 @@ class _BulletArm:
             self._world.resetJointState(self._body, number, float(value), 0.0)
 
     def state(self) -> tuple[Array, Array]:
-        # The engine moves positions with the speed at the end of a step: they are half a step ahead of speeds and torques.
+        # The engine moves positions with the speed at the end of a step, so they are half a step ahead of speeds and torques.
         q, v = np.array([item[:2] for item in self._world.getJointStates(self._body, self._columns)]).T
         return q - 0.5 * self._step * v, v
 
     def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
         if dry is not None:
             self._velocity_motors(self._rub + dry)
-        # The client looks a function up anew whenever it is named.
+        # Bound once, since the client looks up a function anew on every access.
         drive, step, mode = self._world.setJointMotorControlArray, self._world.stepSimulation, self._world.TORQUE_CONTROL
         torque = self._gain * asked + extra
         forces = torque.tolist()
@@ -145,7 +147,7 @@ class _BulletArm:
 
 
 def _joined(body: Inertial, mass: float) -> Inertial:
-    """A link with a small heavy ball stuck to it, by the parallel axes theorem about the common centre."""
+    """Add a point mass at `PLACE` to a link, by the parallel axis theorem about the common centre of mass."""
     total = body.mass + mass
     centre = (body.mass * body.centre + mass * PLACE) / total
     inertia = body.inertia.copy()

@@ -1,4 +1,4 @@
-"""The second step of the blind benchmark: its cases are diagnosed, one by one."""
+"""The second step of the blind benchmark: the diagnosis of its cases, one by one."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ logger = logging.getLogger("gsbridge")
 
 
 def case_keys(cases: str | Path, chunk: int = 0, chunks: int = 1) -> tuple[str, ...]:
-    """Keys of a part of the cases; those that share courses, and so a bank, come together.
+    """Return the keys of one part of the cases, sorted so that cases that share courses, and so a bank, are together.
 
     Args:
-        cases: Cases that `generate_cases` made.
-        chunk: Number of the part.
-        chunks: Parts.
+        cases: Folder of cases that `generate_cases` made.
+        chunk: Number of the part, from 0.
+        chunks: Number of parts.
     """
     rows = read_json(Path(cases) / "manifest.json")["cases"]
     keys = [row["key"] for row in sorted(rows, key=lambda row: (row["courses"], row["key"]))]
@@ -48,12 +48,12 @@ def diagnose_cases(
     method: str = METHODS[0],
     seed: int = 0,
 ) -> None:
-    """Diagnose cases; a finding that is there already is left alone.
+    """Diagnose cases; skip those whose finding exists already.
 
     Args:
-        cases: Cases that `generate_cases` made.
-        keys: Which.
-        findings: Gets `{key}.json`.
+        cases: Folder of cases that `generate_cases` made.
+        keys: Keys of the cases to diagnose.
+        findings: Folder to which `{key}.json` is written.
         bank: Folder of signatures, which all parts may share.
         method: One of `METHODS`: this package's own, or a baseline.
         seed: Seed of replicates.

@@ -1,4 +1,4 @@
-"""Which cases a tier holds: a fixed mix of easy and hard ones, drawn by split and seed."""
+"""Plan of the cases of a tier: a fixed mix of easy and hard ones, drawn by split and seed."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from gsbridge.gap.benchmark.noises import NOISES
 
 TIERS = ("t0", "t1", "t2", "t4", "t5", "t7")
-"""A single axis whose truth is an equation; an arm with truths of PyBullet; the same with truths of MuJoCo; photos; thrown
-bodies; further machines, lengths and rates, these two with truths of MuJoCo. What is called T3 are measured logs, whose truth
-nobody knows, and T6 laws that are not ours (`benchmarks/gap_mismatch.py`)."""
+"""Tiers of drawn cases: a single axis simulated by its equation of motion (t0); an arm simulated in PyBullet (t1) or in MuJoCo
+(t2); photos (t4); thrown bodies (t5) and further machines with various record lengths and rates (t7), both in MuJoCo. T3 are
+measured logs, whose truth nobody knows, and T6 are laws that are not ours (`benchmarks/gap_mismatch.py`)."""
 
 IMAGES, BODIES, MACHINES = "t4", "t5", "t7"
 
 SPLITS = ("development", "scored")
 SCORED = SPLITS[1]
-"""Thresholds may be set on the first; only the second is reported. They differ in seeds, courses and sizes."""
+"""Thresholds may be tuned on `development`; only `scored` is reported. The splits differ in seeds, courses and sizes."""
 
 TIER_SIZE = {"t0": 52, "t1": 164, "t2": 218, "t4": 64, "t5": 80, "t7": 80}
 
 _FURTHER = {"t1": {"contact": 4, "tool": 4}, "t2": {"contact": 5, "tool": 5}}
-"""Cases of a whole tier beside those of the mix: the arm touches something for a while; of the arm only its tool is seen."""
+"""Numbers of cases in a whole tier beyond its mix: something pushes the arm for a moment, or only its tool is logged."""
 
 ALL_CHANNELS = ("position", "velocity", "effort")
 
@@ -35,28 +35,28 @@ _MIX: tuple[tuple[str, int], ...] = (
     ("single", 3), ("triple", 3), ("free", 1), ("single", 2), ("short", 2), ("free", 4), ("single", 3), ("coloured", 3),
     ("free", 3), ("dropped", 3),
 )  # fmt: skip
-"""Kind of each case, and which of a split's sizes it has, or which noise for an effect-free one; repeated."""
+"""Kind of each case, and the index of its size in the split or, if effect-free, of its noise in `_FREE`. The mix repeats."""
 
 _IMAGE_MIX: tuple[tuple[str, int], ...] = (
     ("free", 0), ("single", 2), ("single", 3), ("free", 0), ("unknown", 3), ("single", 2), ("free", 0), ("single", 3),
     ("free", 0), ("pair", 3), ("single", 1), ("free", 0), ("single", 2), ("unknown", 2), ("free", 0), ("single", 3),
 )  # fmt: skip
-"""Mix of cases of photos; their noise is always that of a sensor."""
+"""Mix of cases of photos, with sizes as in `_MIX`; their noise is always that of a sensor."""
 
 _BODY_MIX: tuple[tuple[str, int], ...] = (
     ("single", 3), ("single", 2), ("free", 0), ("single", 3), ("single", 2), ("unknown", 3), ("single", 3), ("pair", 3),
     ("single", 1), ("free", 0),
 )  # fmt: skip
-"""Mix of cases of thrown bodies, and of each further machine."""
+"""Mix of cases of thrown bodies, and of each further machine, with sizes as in `_MIX`."""
 
 _SEALED = (1.0, 1.4)
-"""Range of the factor on the sizes of a sealed draw."""
+"""Range of the random factor on each size of a sealed draw."""
 
 _DRIFT = "clock_drift"
-"""What is hidden where samples are lost, beside something else."""
+"""Effect that is hidden in addition in cases with lost samples."""
 
 _LOST = 0.03
-"""Share of the samples that are lost there."""
+"""Share of the samples that these cases lose."""
 
 _SHORTEST = 2.01
 """Shortest length of a record, s: its last sample is two seconds after the first."""
@@ -64,7 +64,7 @@ _SHORTEST = 2.01
 _UNITS = {"development": (1.4, 3.0, 7.0, 15.0), "scored": (1.0, 2.0, 5.0, 20.0)}
 
 _IMAGE_UNITS = {"development": (3.0, 7.0, 30.0, 150.0), "scored": (2.0, 5.0, 20.0, 100.0)}
-"""Sizes for photos: their many pixels make a unit so small that twenty of them move a camera by a tenth of a pixel."""
+"""Sizes for photos. With so many pixels a unit is small: twenty units displace the image by a tenth of a pixel."""
 
 _COURSES = {"development": (110, 111), "scored": (9110, 9111)}
 
@@ -74,22 +74,22 @@ _WORLDS = {"development": (120, 121, 122, 123), "scored": (9120, 9121, 9122, 912
 
 @dataclass(frozen=True)
 class PlannedCase:
-    """A case to be drawn.
+    """A case to draw.
 
     Args:
-        key: Name of the case, which says nothing about it.
-        kind: What it tries: `single`, `pair`, `triple`, `unknown`, `free`, or a single effect under a difficulty: no efforts, a
-            short record, coloured noise, samples that were lost beside a clock that drifts, an arm that touches something,
-            or one of which only the tool is seen.
-        names: What is hidden.
-        units: Size of each.
+        key: Name of the case, which reveals nothing about it.
+        kind: Kind of the case: `single`, `pair`, `triple`, `unknown`, `free`, or one effect with a difficulty: `no_effort`,
+            `short` (record), `coloured` (noise), `dropped` (lost samples and a clock that drifts), `contact` (something
+            pushes the arm) or `tool` (only the tool is logged).
+        names: Names of the hidden effects.
+        units: Size of each, in units of the detection limit.
         seed: Seed of signs and noise.
         course_seed: Seed of the courses, or of the world that photos show; cases that share it share a bank.
-        channels: Logged ones.
+        channels: Channels that are logged.
         duration: Length of each record, s.
-        noise: One of `gsbridge.gap.benchmark.noises.NOISES`.
+        noise: One of `gsbridge.gap.benchmark.noises.NOISES`; `sensor` for photos.
         lost: Share of the samples that are missing.
-        touched: Whether the arm touches something for a while.
+        touched: Whether something pushes the arm for a moment.
     """
 
     key: str
@@ -107,12 +107,12 @@ class PlannedCase:
 
 @dataclass(frozen=True)
 class Draw:
-    """Numbers that a split, or a seal, stands for.
+    """Seeds and sizes that belong to a split or to a seal.
 
     Args:
         key: Seed of what is drawn case by case.
-        units: Sizes.
-        image_units: Sizes in photos.
+        units: Sizes, in units of the detection limit.
+        image_units: Sizes in photos, in the same units.
         courses: Seeds of the courses that arms follow.
         worlds: Seeds of the worlds that photos show.
     """
@@ -125,13 +125,13 @@ class Draw:
 
     @classmethod
     def of(cls, tier: str, split: str, seed: int, seal: int | None) -> Draw:
-        """What is drawn in a tier: from the seal alone where there is one.
+        """Return the seeds and sizes of a tier; a seal alone decides them if there is one.
 
         Args:
             tier: One of `TIERS`.
             split: One of `SPLITS`.
             seed: Seed of the draw.
-            seal: The seal; None where split and seed decide.
+            seal: The seal; None if split and seed decide.
         """
         number = TIERS.index(tier)
         if seal is None:
@@ -156,32 +156,32 @@ def plan_cases(
     seed: int = 0,
     seal: int | None = None,
 ) -> tuple[PlannedCase, ...]:
-    """The cases of a tier.
+    """Plan the cases of a tier.
 
     Args:
         tier: One of `TIERS`.
         split: One of `SPLITS`.
-        names: What may be hidden and is in the catalogue, by effect: `name`, or `name:joint` to choose a joint of.
-        strange: Names of what may be hidden and is in no catalogue.
-        count: Cases; the tier's full number by default. A smaller count keeps the mix.
+        names: Effects of the catalogue that may be hidden: `name`, or `name:joint` for each joint that may be chosen.
+        strange: Effects outside the catalogue that may be hidden, in the same form.
+        count: Number of cases; the tier's full number by default. A smaller count keeps the mix.
         seed: Seed of the draw.
-        seal: Number that alone decides what is drawn, instead of split and seed; see `gsbridge.experiment.seals`.
+        seal: Number that decides the draw instead of split and seed; see `gsbridge.experiment.seals`.
     """
     drawn = Draw.of(tier, split, seed, seal)
     whole = TIER_SIZE[tier] if count is None else count
     further = _FURTHER.get(tier, {}) if whole == TIER_SIZE[tier] else {}
     draw = {IMAGES: _photos, BODIES: _bodies, MACHINES: _bodies}.get(tier, _motions)
     orders = [*draw(whole - sum(further.values()), drawn, names, strange), *_further(further, drawn, names)]
-    # Numbers that say nothing about a case.
+    # Random numbers in the keys, so that a key reveals nothing about its case.
     places = np.random.default_rng([*drawn.key, 2]).permutation(whole)
     named = (replace(order, key=f"{tier}-{place:03d}") for order, place in zip(orders, places, strict=True))
     return tuple(sorted(named, key=lambda order: order.key))
 
 
 def _motions(count: int, drawn: Draw, names: tuple[str, ...], strange: tuple[str, ...]) -> list[PlannedCase]:
-    """Cases of an axis or an arm, without keys."""
+    """Plan cases of an axis or an arm, without keys."""
     rng = np.random.default_rng(drawn.key)
-    # Numbers were drawn here once: without them, the arms' cases would be others than those of earlier versions.
+    # Not used, but an earlier version drew numbers here; without this line, the cases would differ from that version's.
     rng.permutation(count)
     known, odd = _Deck(names, rng), _Deck(strange, rng)
     out = []
@@ -196,7 +196,7 @@ def _motions(count: int, drawn: Draw, names: tuple[str, ...], strange: tuple[str
         out.append(
             PlannedCase(
                 "", kind, hidden, units, int(rng.integers(2**31)),
-                # Block by block, so that a few cases share one bank.
+                # All cases of one turn of the mix share courses, and so a bank.
                 drawn.courses[number // len(_MIX) % 2],
                 ("position", "velocity") if kind == "no_effort" else ALL_CHANNELS,
                 _SHORTEST if kind == "short" else 4.0,
@@ -208,7 +208,7 @@ def _motions(count: int, drawn: Draw, names: tuple[str, ...], strange: tuple[str
 
 
 def _further(counts: Mapping[str, int], drawn: Draw, names: tuple[str, ...]) -> list[PlannedCase]:
-    """Cases beside the mix, without keys: how many of each kind."""
+    """Plan cases beyond the mix, without keys; `counts` holds their number by kind."""
     rng = np.random.default_rng([*drawn.key, 1])
     known, out = _Deck(names, rng), []
     for kind, count in counts.items():
@@ -220,7 +220,7 @@ def _further(counts: Mapping[str, int], drawn: Draw, names: tuple[str, ...]) -> 
 
 
 def _bodies(count: int, drawn: Draw, names: tuple[str, ...], strange: tuple[str, ...]) -> list[PlannedCase]:
-    """Cases of thrown bodies or of further machines, without keys; those of one block share a machine."""
+    """Plan cases of thrown bodies or of further machines, without keys; those of one turn of the mix share a machine."""
     rng = np.random.default_rng(drawn.key)
     known, odd = _Deck(names, rng), _Deck(strange, rng)
     out = []
@@ -234,7 +234,7 @@ def _bodies(count: int, drawn: Draw, names: tuple[str, ...], strange: tuple[str,
 
 
 def _photos(count: int, drawn: Draw, names: tuple[str, ...], strange: tuple[str, ...]) -> list[PlannedCase]:
-    """Cases of photos, without keys."""
+    """Plan cases of photos, without keys."""
     rng = np.random.default_rng(drawn.key)
     known, odd = _Deck(names, rng), _Deck(strange, rng)
     out = []
@@ -249,7 +249,7 @@ def _photos(count: int, drawn: Draw, names: tuple[str, ...], strange: tuple[str,
 
 
 class _Deck:
-    """Names dealt one after the other in a drawn order, so that all come up equally often."""
+    """A shuffled deck of effects that is dealt and reshuffled, so that all effects are hidden about equally often."""
 
     def __init__(self, names: tuple[str, ...], rng: np.random.Generator) -> None:
         self._groups: dict[str, list[str]] = {}
@@ -258,7 +258,7 @@ class _Deck:
         self._rng, self._waiting = rng, list[str]()
 
     def draw(self, count: int) -> tuple[str, ...]:
-        """Names of different effects."""
+        """Draw names of `count` different effects, each at a random one of its joints."""
         out: list[str] = []
         while len(out) < count:
             if not self._waiting:

@@ -1,4 +1,4 @@
-"""The blind benchmark as jobs: drawn cases are diagnosed in chunks that go on where they were killed, and scored per tier."""
+"""Jobs of the blind benchmark: diagnosis of cases in chunks that can resume after being killed, and scoring of a tier."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gsbridge.gap.benchmark import campaign, score
 def diagnose_chunk(
     cases: str | Path, chunk: int, chunks: int, method: str, bank: str | Path, state: str | Path, out: str | Path, seed: int
 ) -> None:
-    """Diagnose every `chunks`-th case; finished ones are kept in `state` until all are done.
+    """Diagnose one of `chunks` parts of the cases; findings stay in `state` until the whole part is done.
 
     Args:
         cases: Folder of the cases.
@@ -22,12 +22,12 @@ def diagnose_chunk(
         chunks: Number of chunks.
         method: One of `gsbridge.gap.benchmark.baselines.METHODS`.
         bank: Folder of signatures.
-        state: Folder that outlives a killed job.
-        out: Folder of the findings.
+        state: Folder of finished findings, which is kept if the job is killed.
+        out: Folder of the findings, written when all are done.
         seed: Seed of replicates.
     """
     cases = Path(cases)
-    # Cases drawn anew have the same names; their manifest tells them apart.
+    # The digest of the manifest keeps findings of redrawn cases apart, since their names are the same.
     done = Path(state) / hashlib.sha256((cases / "manifest.json").read_bytes()).hexdigest()[:16]
     done.mkdir(parents=True, exist_ok=True)
     keys = campaign.case_keys(cases, chunk, chunks)
@@ -45,10 +45,10 @@ def score_tier(
     Args:
         cases: Folder of the cases.
         truths: Folder of the truths.
-        findings: Folders of findings, the chunks of one method side by side.
+        findings: Folders of findings: all chunks of the first method, then those of the second, and so on.
         methods: Names of the methods.
-        chunks: How many folders belong to each method.
-        out: `scores.json`.
+        chunks: Number of folders per method.
+        out: File to write: `scores.json`.
 
     Raises:
         InputError: A truth was changed after the diagnosis, or a finding is missing.

@@ -1,4 +1,4 @@
-"""CMA-ES over the sizes of the likeliest candidates together, with a budget of simulations.
+"""CMA-ES over the joint sizes of the likeliest candidates, with a budget of simulations.
 
 Source: Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772, 2016.
 """
@@ -14,23 +14,23 @@ from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
 BUDGET = Rules().budget
-"""Simulations of the search: those that a diagnosis has."""
+"""Number of simulations of a search: as many as a diagnosis has."""
 
 _SPREAD = 0.5
-"""First step, in multiples of what a candidate's signature fits best."""
+"""Initial step size, relative to the sizes that screening estimates."""
 
 
 def search(view: JointResiduals, screen: Screen, budget: int, seed: int) -> list[Applied]:
-    """Search for the sizes of the candidates that screening ranks first, of either sign where an effect's may be.
+    """Search for the sizes of the candidates that screening ranks first, with both signs where effects allow both.
 
     Args:
-        view: Record that sizes are fitted to.
+        view: Residuals on the record to which sizes are fitted.
         screen: Signatures on that record.
-        budget: Simulations of the search.
-        seed: Seed of the draws.
+        budget: Number of simulations.
+        seed: Seed of the random draws.
 
     Returns:
-        Each candidate with its size where the search ended, those of no size among them.
+        All candidates with their final sizes, including those of size zero.
     """
     import cma
 
@@ -49,7 +49,7 @@ def search(view: JointResiduals, screen: Screen, budget: int, seed: int) -> list
         return float((view.residual(effects(factors)) ** 2).sum())
 
     options = {"maxfevals": budget, "verbose": -9, "seed": seed + 1, "bounds": [lows.tolist(), None]}
-    # The likeliest alone as screening sizes it, the others next to nothing.
+    # Start from the likeliest candidate at its screened size, and the others at or near zero.
     begin = np.where(lows < 0, 0.0, 0.1 * _SPREAD)
     begin[0] = 1.0
     best = np.asarray(cma.fmin2(cost, begin, _SPREAD, options)[0])
@@ -57,6 +57,6 @@ def search(view: JointResiduals, screen: Screen, budget: int, seed: int) -> list
 
 
 def _lowest(candidate: Candidate) -> float:
-    """Smallest factor on a candidate's start: below zero where its sizes may have the other sign."""
+    """Return the lower bound of the factor on a candidate's start: unbounded if its sizes may have either sign, else zero."""
     sizes = [p for p in candidate.effect.parameters if p.amplitude]
     return -np.inf if sizes and all(p.low < 0 for p in sizes) and not candidate.effect.threshold else 0.0

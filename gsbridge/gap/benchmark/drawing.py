@@ -1,4 +1,4 @@
-"""The first step of the blind benchmark: cases are drawn and their truths hidden. Nothing here knows how they are diagnosed."""
+"""The first step of the blind benchmark: draw cases and hide their truths, without any use of the diagnosis."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m", "tool": "m"}
 _SLIDING = {"position": "m", "velocity": "m/s", "effort": "N"}
 
 _REDRAWS = 20
-"""Tries to find another joint where an effect shows, or another effect."""
+"""Largest number of attempts to draw a case, each with one effect replaced by another joint or effect."""
 
 
 def generate_tier(
@@ -55,13 +55,13 @@ def generate_tier(
     Args:
         tier: One of `TIERS`.
         split: One of `SPLITS`.
-        count: Number of cases; None for all of the tier's.
+        count: Number of cases; None for the tier's full number.
         seed: Seed of everything.
-        cases: Folder of the cases.
-        truths: Folder of the truths; their hashes stand in the cases' manifest.
-        photos: Folders of photos that may lie on the tables of the worlds of `t4`.
-        renders: Folders of renders of splats that may lie there.
-        seal: Number that alone draws a scored split of its own.
+        cases: Folder to create for the cases.
+        truths: Folder to create for the truths; their hashes are in the cases' manifest.
+        photos: Folders of photos that may texture the tables of the worlds of `t4`.
+        renders: Folders of renders of splats for the same purpose.
+        seal: Number that decides the draw of a scored split instead of `split` and `seed`.
     """
     contents = contents_of(photos, renders)
     generate_cases(tier, split, Path(cases), Path(truths), count=count, seed=seed, contents=contents, seal=seal)
@@ -83,12 +83,14 @@ def generate_cases(
     Args:
         tier: One of `TIERS`.
         split: One of `SPLITS`.
-        cases: Gets `manifest.json` (with the SHA-256 of every truth and record), `models`, and a folder per case.
-        truths: Gets `{key}.json` and `{key}.npz`; no diagnosis may read it.
-        count: Cases; `TIER_SIZE[tier]` by default. A smaller count keeps the mix.
+        cases: Folder to create with `manifest.json` (with the SHA-256 of every truth and record), `models`, and a folder per
+            case.
+        truths: Folder to create with `{key}.json` and `{key}.npz`; no diagnosis may read it.
+        count: Number of cases; `TIER_SIZE[tier]` by default. A smaller count keeps the mix.
         seed: Seed of the draw.
-        contents: Pictures that lie in turn on the tables of the worlds that photos show. Each [H, W, 3].
-        seal: Number that alone draws a scored split of its own; see `gsbridge.experiment.seals`.
+        contents: Sets of images, one of which textures the table in each world of photos; an empty set stands for paint. The
+            worlds use the sets in turn. Each image [H, W, 3].
+        seal: Number that decides the draw of a scored split instead of `split` and `seed`; see `gsbridge.experiment.seals`.
 
     Returns:
         The manifest.
@@ -117,14 +119,14 @@ def generate_cases(
 
 @dataclass(frozen=True)
 class Ordered:
-    """What is asked of a tier.
+    """An order of cases of a tier.
 
     Args:
         tier: The tier.
         split: The split.
-        count: Cases; None for all.
+        count: Number of cases; None for the tier's full number.
         seed: Seed of the draw.
-        seal: The seal, where there is one.
+        seal: The seal; None if there is none.
     """
 
     tier: str
@@ -134,12 +136,12 @@ class Ordered:
     seal: int | None
 
     def plan(self, names: tuple[str, ...], strange: tuple[str, ...]) -> tuple[PlannedCase, ...]:
-        """The cases, of names that may be hidden and names that are in no catalogue."""
+        """Plan the cases, given the effects that may be hidden from the catalogue and from outside it."""
         return plan_cases(self.tier, self.split, names, strange, self.count, self.seed, self.seal)
 
 
 def _motion_cases(made: Path, hidden: Path, ordered: Ordered) -> tuple[str, list[dict[str, Any]]]:
-    """Cases of an axis, an arm or further machines: the kind of mechanism, and the manifest's rows."""
+    """Draw cases of an axis, an arm or further machines; return the kind of mechanism and the manifest's rows."""
     sites, rows = MechanismSites(ordered.tier, ordered.split, made / "models"), []
     for order in ordered.plan(sites.names, sites.strange):
         site = sites.at(order.course_seed)
@@ -152,16 +154,16 @@ def _motion_cases(made: Path, hidden: Path, ordered: Ordered) -> tuple[str, list
 
 
 def _body_cases(made: Path, hidden: Path, ordered: Ordered) -> list[dict[str, Any]]:
-    """Cases of thrown bodies: the manifest's rows."""
+    """Draw cases of thrown bodies; return the manifest's rows."""
     rows = []
     strange = UNKNOWN_BODIES[ordered.split]
     for number, order in enumerate(ordered.plan(tuple(KNOWN), strange)):
         pool = strange if order.kind == "unknown" else tuple(KNOWN)
         case = draw_shown_case(order.names, order.units, order.seed, pool)
-        # No two share throws, and so a bank.
+        # The number stands for the courses: no two cases share throws, and so none share a bank.
         row = {"key": order.key, "courses": number, "records": write_body_case(made / order.key, case)}
         truth = {**_common(order, ordered), "plant": BODY, "hidden": dict(case.hidden), "units": case.units, "sigma": {}}
-        # What shows in no scene gave way to another effect: easier ones are more frequent than the plan has them.
+        # The planned effects: those that show in no scene were replaced, so that visible effects are more frequent.
         truth["asked"] = list(order.names)
         truth |= {"parameters": dict(case.parameters), "settings": dict(case.settings)}
         truth["twins"] = body_twins(tuple(sorted(case.hidden)))
@@ -171,7 +173,7 @@ def _body_cases(made: Path, hidden: Path, ordered: Ordered) -> list[dict[str, An
 
 
 def _photo_cases(made: Path, hidden: Path, ordered: Ordered, contents: Sequence[Sequence[Array]]) -> list[dict[str, Any]]:
-    """Cases of photos: the manifest's rows."""
+    """Draw cases of photos; return the manifest's rows."""
     rows = []
     for order in ordered.plan(tuple(SIZES), tuple(STRANGE)):
         pictures = contents[order.course_seed % len(contents)]
@@ -187,13 +189,13 @@ def _photo_cases(made: Path, hidden: Path, ordered: Ordered, contents: Sequence[
 
 
 def _drawn_photos(order: PlannedCase, pictures: Sequence[Array]) -> tuple[PlannedCase, DrawnImageCase]:
-    """A case of photos; what cannot be hidden in its views gives way to another effect.
+    """Draw a case of photos; replace effects that do not reach the wanted size in its views.
 
     Raises:
-        InputError: Nothing shows.
+        InputError: No effects that were tried reach the wanted size.
     """
     site, rng = world_of(order.course_seed, pictures), np.random.default_rng(order.seed)
-    # A camera in motion says nothing about what is hidden, though some effects show in motion alone.
+    # The camera also moves in half of the other cases, so that motion does not reveal effects that show in motion alone.
     wanders = bool(rng.integers(2))
     for _ in range(_REDRAWS):
         moving = wanders or any(name in STILL for name in order.names)
@@ -208,10 +210,10 @@ def _drawn_photos(order: PlannedCase, pictures: Sequence[Array]) -> tuple[Planne
 
 
 def _drawn(site: MechanismSite, order: PlannedCase) -> tuple[PlannedCase, DrawnCase]:
-    """A case; what cannot be hidden in its courses gives way to the same effect on another joint, then to another effect.
+    """Draw a case; replace an effect that does not show by the same effect on another joint, else by another effect.
 
     Raises:
-        InputError: Nothing shows.
+        InputError: No effects that were tried show as wanted.
     """
     rng, failed = np.random.default_rng(order.seed), set[str]()
     for _ in range(_REDRAWS):
@@ -227,7 +229,7 @@ def _drawn(site: MechanismSite, order: PlannedCase) -> tuple[PlannedCase, DrawnC
         else:
             if all(len(twin) >= len(case.hidden) for twin in twins_of(site.kind, case.hidden, order.channels)):
                 return order, case
-            # Two that are the same equation as one of them hide only one: a short delay and a short lag, say.
+            # If a smaller set has the same equation, one effect is redundant, such as a short delay beside a short lag.
             lost = order.names[-1]
         failed.add(lost)
         kept = [name for name in order.names if name != lost]
@@ -241,12 +243,12 @@ def _drawn(site: MechanismSite, order: PlannedCase) -> tuple[PlannedCase, DrawnC
 
 
 def _effect(name: str) -> str:
-    """A hidden name without its joint."""
+    """Return the name of a hidden effect without its joint."""
     return name.split(":")[0]
 
 
 def _write_case(folder: Path, site: MechanismSite, order: PlannedCase, case: DrawnCase) -> dict[str, str]:
-    """Records and case file. Returns the records' SHA-256 by role."""
+    """Write records and case file, and return the records' SHA-256 by role."""
     folder.mkdir()
     digests = {}
     for role, record in case.records.items():
@@ -264,7 +266,7 @@ def _write_case(folder: Path, site: MechanismSite, order: PlannedCase, case: Dra
 
 
 def _table(record: Record, sliding: Sequence[str]) -> pd.DataFrame:
-    """A record with units in its headers."""
+    """Make a table of a record, with units in its headers."""
     columns = {"time [s]": record.time}
     for kind, values in {**record.commands, **record.measured}.items():
         for number, column in enumerate(values.T):
@@ -275,7 +277,7 @@ def _table(record: Record, sliding: Sequence[str]) -> pd.DataFrame:
 
 
 def _write_truth(folder: Path, site: MechanismSite, order: PlannedCase, case: DrawnCase, ordered: Ordered) -> str:
-    """What is hidden in a mechanism. Returns the SHA-256."""
+    """Write the truth of a mechanism's case, and return its SHA-256."""
     plant: BenchmarkMechanism = site.plant
     truth = {
         **_common(order, ordered),
@@ -289,14 +291,14 @@ def _write_truth(folder: Path, site: MechanismSite, order: PlannedCase, case: Dr
 
 
 def _parameters(site: MechanismSite, name: str, size: float) -> dict[str, float]:
-    """Parameters that a perfect diagnosis gives for what is hidden, where there are several; else its size is the one."""
+    """Return the parameters that a perfect diagnosis would give, if an effect has several; else empty."""
     effect, _, joint = name.partition(":")
     number = site.plant.joints.index(joint) if joint else 0
     return true_parameters(effect, size, number, joint in site.system.sliding)
 
 
 def _common(order: PlannedCase, ordered: Ordered) -> dict[str, Any]:
-    """What truths of all tiers say; salted so that their SHA-256 tells nothing."""
+    """Return the entries of truths in all tiers, with a salt so that their SHA-256 reveals nothing."""
     return {
         "key": order.key,
         "kind": order.kind,
@@ -309,7 +311,7 @@ def _common(order: PlannedCase, ordered: Ordered) -> dict[str, Any]:
 
 
 def _sealed_truth(folder: Path, truth: Mapping[str, Any], clean: Mapping[str, Array]) -> str:
-    """Write a truth and what would have been seen without noise. Returns the truth's SHA-256."""
+    """Write a truth and the noise-free measurements, and return the truth's SHA-256."""
     arrays, path = folder / f"{truth['key']}.npz", folder / f"{truth['key']}.json"
     content: dict[str, Any] = dict(clean)
     np.savez_compressed(arrays, **content)

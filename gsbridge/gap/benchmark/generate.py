@@ -1,4 +1,4 @@
-"""Drawing cases: what is hidden, how large, and the records that a diagnosis gets."""
+"""Drawing of cases of mechanisms: what is hidden, how large it is, and the records that a diagnosis gets."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from gsbridge.gap.formats.records import Record
 from gsbridge.geometry import Array
 
 Truth = Callable[[Course, float, Array, Mapping[str, float]], dict[str, Array]]
-"""Course, duration, times of samples and hidden sizes -> channels, each [T, N]."""
+"""Simulator: course, duration (s), sample times (s, [T]) and hidden sizes -> channels, each [T, N]."""
 
 _TRIES = 18
 
 UNIT = 25.0
-"""Squared length, in units of the noise, of the noise-free signature on `select` that an effect of size one unit has."""
+"""Squared length, in units of the noise, of an effect's noise-free signature on `select` at a size of one unit."""
 
 _LONGEST = 400
-"""Samples, those of four seconds at 100 Hz, beyond which more of them make a unit no smaller."""
+"""Number of samples (4 s at 100 Hz) up to which the unit shrinks as a record gets longer; beyond, it stays the same."""
 
 _SHARE = 0.5
-"""Share of one effect's size that all must show together, on `select` and `fit`: a delay and a clock that cancel hide nothing,
-and a limit that the courses of `fit` never reach can be learnt from no data."""
+"""Smallest joint signature of all hidden effects on `fit` and `select`, as a share of that of one effect. It excludes effects
+that cancel, such as a delay and a clock offset, and effects that do not show on `fit`, such as a limit that is not reached."""
 
 
 _PUSH, _PUSH_TIME = (10.0, 30.0), (0.2, 0.5)
-"""Range of the largest force of what is touched, N, and of how long, s."""
+"""Ranges of a touch: largest force, N, and duration, s."""
 
 
 class NotShownError(ValueError):
-    """An effect has no size at which it shows as wanted, or the mechanism runs away with it.
+    """An effect has no size at which it shows as wanted, or the mechanism diverges with it.
 
     Args:
         name: Name of the effect, with its joint.
-        message: Why.
+        message: The reason.
     """
 
     def __init__(self, name: str, message: str) -> None:
@@ -56,13 +56,13 @@ class BenchmarkMechanism:
 
     Args:
         joints: Names of the joints.
-        centre: Middle posture, rad. [N].
-        reach: Largest commanded distance from it, rad. [N].
-        noise: Standard deviation of one sample, by kind. Each [N].
-        truth: Simulates how it really moves.
-        sizes: Size to begin the search for the unit with, and its sign (0 for both), by every name that may be hidden.
-        largest: Sizes beyond which an effect is no longer a likely fault of a machine, by its name, with or without its joint.
-        plain: Effect-free motions, kept from case to case: by role, seed of the courses, duration and rate. [T, N] each.
+        centre: Middle posture, rad, or m for prismatic joints. [N].
+        reach: Largest commanded distance from the middle posture, rad or m. [N].
+        noise: Standard deviation of one sample, by channel. Each [N].
+        truth: Simulator of the true motion.
+        sizes: Start size for the search of the unit, and its sign (0 for both), by the name of each effect that may be hidden.
+        largest: Size beyond which an effect is an implausible fault, by the effect's name, with or without its joint.
+        plain: Cache of motions without any effect, by role, seed of the courses, duration and rate. [T, N] each.
     """
 
     joints: tuple[str, ...]
@@ -81,11 +81,11 @@ class DrawnCase:
 
     Args:
         name: Name of the case.
-        hidden: Sizes of what is hidden, by name, `name:joint` for one joint; empty for an effect-free case.
-        units: Size in units of the detection limit.
+        hidden: Sizes of the hidden effects, by name (`name:joint` for one joint); empty for an effect-free case.
+        units: Size of each effect, in units of the detection limit.
         records: Records by role: `fit`, `select`, `verify`.
-        clean: What `verify` would have been without noise and touch, where it has samples. Each [T, N].
-        plain: What `verify` would have been with nothing hidden, either. Each [T, N].
+        clean: Channels of `verify` without noise and touch, at its sample times. Each [T, N].
+        plain: Channels of `verify` without noise, touch and hidden effects. Each [T, N].
         seal: SHA-256 of the truth.
     """
 
@@ -116,16 +116,20 @@ def draw_case(
 
     Args:
         plant: The mechanism.
-        names: What is hidden; each of `units` by itself.
-        units: Size of each, in units of the detection limit.
+        names: Names of the effects to hide.
+        units: Size of each effect by itself, in units of the detection limit.
         seed: Seed of signs and noise.
-        course_seed: Seed of the courses, which cases may share.
+        course_seed: Seed of the courses, which several cases may share.
         duration: Length of each record, s.
-        rate: Samples per second.
+        rate: Sampling rate, Hz.
         kinds: Channels that are logged.
-        spoil: What the noise is like, one of `gsbridge.gap.benchmark.noises.NOISES`.
+        spoil: Kind of noise, one of `gsbridge.gap.benchmark.noises.NOISES`.
         lost: Share of the samples that are missing from the logs.
-        touched: Whether the mechanism touches something for a moment of each record.
+        touched: Whether something pushes the mechanism for a moment of each record.
+
+    Raises:
+        NotShownError: An effect has no size at which it shows as wanted, or the mechanism diverges with it.
+        InputError: The mechanism diverges with nothing hidden.
     """
     rng = np.random.default_rng(seed)
     times = np.arange(round(duration * rate)) / rate
@@ -163,13 +167,13 @@ def draw_case(
         sent = np.array([wanted(t) for t in times[kept]])
         measured = {kind: values[kept] for kind, values in measured.items()}
         made[role] = Record(role, times[kept], plant.joints, {"command": sent}, measured)
-    # Those of the last record, `verify`.
+    # `clean` and `kept` come from the last turn of the loop, which is `verify`.
     clean, plain = ({kind: values[kind][kept] for kind in kinds} for values in (clean, effect_free("verify")))
     return DrawnCase("+".join(names) or "none", hidden, units, made, clean, plain, hashlib.sha256(text.encode()).hexdigest())
 
 
 def _touch(duration: float, rng: np.random.Generator) -> dict[str, float]:
-    """A moment in which something pushes the mechanism, as truths take it."""
+    """Draw a touch: time (s), duration (s) and force (N) of a push, as inputs of a simulator."""
     way = rng.normal(size=3)
     x, y, z = rng.uniform(*_PUSH) * way / np.linalg.norm(way)
     length = float(rng.uniform(*_PUSH_TIME))
@@ -177,7 +181,7 @@ def _touch(duration: float, rng: np.random.Generator) -> dict[str, float]:
 
 
 def _joined(wanted: Course, rate: float) -> Course:
-    """Commands as they are sent and logged: at some rate, and joined by straight lines on their way to the motors."""
+    """Sample a course at a rate, Hz, and interpolate linearly between samples, as the motors' controller does."""
     sent = functools.cache(lambda number: wanted(number / rate))
 
     def joined(time: float) -> Array:
@@ -199,24 +203,25 @@ def size_of_units(
     kinds: tuple[str, ...],
     plain: Mapping[str, Array],
 ) -> float:
-    """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
+    """Find the size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
 
     Args:
         plant: The mechanism.
-        name: What is hidden, `name:joint` for one joint.
-        sign: 1 or -1.
+        name: Name of the effect, `name:joint` for one joint.
+        sign: Sign of the size, 1 or -1.
         units: Wanted size in units of the detection limit.
         wanted: Course of `select`.
         duration: Length of the course, s.
         times: Times of the samples, s. [T].
-        kinds: Channels that count.
+        kinds: Channels that are logged.
         plain: Channels of the same course with nothing hidden. Each [T, N].
 
     Returns:
         The size without its sign, in the effect's own unit.
 
     Raises:
-        NotShownError: There is no such size that makes sense: it does not show in these courses, or shows at once as more.
+        NotShownError: There is no such plausible size: the effect shows too little in these courses, or jumps past the wanted
+            length.
     """
 
     def length(size: float) -> float:
@@ -231,7 +236,7 @@ def size_of_units(
         if abs(found / aim - 1.0) < 0.05:
             return size
         above = not found < aim
-        # A side that moves twice running leaves the other one far off: the next try halves, or the search would creep.
+        # If the same side of the bracket moves twice in a row, bisect next; otherwise the search would converge slowly.
         side, stay = (1 if above else -1), side == (1 if above else -1)
         low, high = (low, (size, found)) if above else ((size, found), high)
         if low[0] >= most:
@@ -241,14 +246,21 @@ def size_of_units(
 
 
 def _length(plant: BenchmarkMechanism, moved: Mapping[str, Array], plain: Mapping[str, Array], kinds: tuple[str, ...]) -> float:
-    """Length of a noise-free signature, in units of the noise; a longer or faster log makes no unit smaller."""
+    """Return the length of a noise-free signature, in units of the noise, limited to the weight of `_LONGEST` samples."""
     count = len(moved[kinds[0]])
     length = float(np.sqrt(sum((((moved[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in kinds)))
     return length * min(1.0, float(np.sqrt(_LONGEST / count)))
 
 
 def _between(low: tuple[float, float], high: tuple[float, float], aim: float, halve: bool) -> float:
-    """A size between two that are too small and too large, by a power law through their lengths. Pairs of size and length."""
+    """Interpolate between a size that is too small and one that is too large, by a power law; bisect if `halve`.
+
+    Args:
+        low: Size that is too small, and its length.
+        high: Size that is too large, and its length.
+        aim: Wanted length.
+        halve: Whether to bisect.
+    """
     if not np.isfinite(high[0]):
         return low[0] * float(np.clip(aim / max(low[1], 1e-9), 1.02, 8.0))
     if low[0] <= 0.0:

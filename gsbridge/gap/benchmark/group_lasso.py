@@ -1,4 +1,4 @@
-"""Group lasso over signatures, cross-validated over stretches of time: which candidates' signatures make up a residual.
+"""Group lasso of a residual on candidates' signatures, cross-validated over stretches of time.
 
 Source: Yuan and Lin, Journal of the Royal Statistical Society B 68, 2006; Beck and Teboulle, SIAM Journal on Imaging Sciences
 2, 2009.
@@ -13,31 +13,31 @@ import numpy as np
 from gsbridge.geometry import Array
 
 FOLDS = 8
-"""Stretches of time, each of which is predicted from the others once."""
+"""Number of folds of the cross-validation, each a stretch of time."""
 
 _LEVELS, _SMALLEST = 16, 1e-3
-"""Number of weights of the penalty that are tried, and the smallest as a share of that which leaves nothing."""
+"""Number of penalty weights, and the smallest as a share of the weight at which all coefficients are zero."""
 
 _ROUNDS = 200
-"""Most steps of the descent for one weight; it begins where the one before ended."""
+"""Largest number of descent steps for one weight; each descent starts from the previous weight's solution."""
 
 _STILL = 1e-4
-"""Largest change of a coefficient, in shares of the largest, at which the descent ends."""
+"""Largest change of a coefficient, relative to the largest coefficient, at which a descent ends."""
 
 
 def group_lasso(columns: Array, groups: Sequence[Sequence[int]], residual: Array) -> Array:
-    """Coefficients of the columns, with the weight of the penalty chosen by cross-validation.
+    """Return the coefficients of the columns, with the penalty weight chosen by cross-validation.
 
-    The weight is the largest whose error of prediction lies within one standard error of the least (Breiman's rule), which
-    keeps fewer groups than the least itself.
+    The weight is the largest one whose prediction error is within one standard error of the smallest error (Breiman's rule),
+    which keeps fewer groups than the weight of smallest error.
 
     Args:
-        columns: Signatures side by side, in units of the noise. [T, C, S].
-        groups: Numbers of the columns of each candidate.
-        residual: What they shall explain, in the same units. [T, C].
+        columns: Signatures, in units of the noise. [T, C, S].
+        groups: Column numbers of each candidate.
+        residual: Residual to explain, in the same units. [T, C].
 
     Returns:
-        Coefficients [S]; those of groups that were left out are zero.
+        Coefficients; those of dropped groups are zero. [S].
     """
     owners = np.empty(columns.shape[-1], dtype=int)
     for number, group in enumerate(groups):
@@ -64,12 +64,12 @@ def group_lasso(columns: Array, groups: Sequence[Sequence[int]], residual: Array
 
 
 def _lengths(values: Array, owners: Array) -> Array:
-    """Length of each group's part of a vector. [S] -> [G]."""
+    """Return the Euclidean length of each group's part of a vector. [S] -> [G]."""
     return np.sqrt(np.bincount(owners, values**2))
 
 
 def _path(gram: Array, along: Array, owners: Array, roots: Array, weights: Array) -> Array:
-    """Coefficients for every weight, by accelerated proximal steps, each from where the one before ended. [W, S]."""
+    """Solve for every weight by accelerated proximal gradient descent, each from the previous solution. [W, S]."""
     step = 1.0 / float(np.linalg.eigvalsh(gram)[-1])
     now, out = np.zeros(len(along)), []
     for weight in weights:

@@ -1,4 +1,4 @@
-"""What can be hidden in a driven mechanism outside of its engine: in its drive, its losses, its sensors and its commands.
+"""Hidden effects of driven mechanisms that act outside the physics engine: in drive, loads, friction, sensors and commands.
 
 Nothing here knows the effects of the diagnosis.
 """
@@ -13,25 +13,25 @@ from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 WAVES = (5.0, 7.0, 9.0, 12.0, 16.0, 10.0, 6.0)
-"""Waves of a ripple per turn, by the joint's number."""
+"""Waves of a torque ripple per turn, by the joint's number."""
 
 PHASE = 0.9
-"""Angle at which a ripple and an encoder's eccentricity begin, rad."""
+"""Phase of torque ripples and of encoder eccentricities, rad."""
 
 SKEW = 0.5
-"""Difference of dry friction between both directions, as a share of its mean."""
+"""Skew of asymmetric dry friction: it is larger forwards and smaller backwards than its mean by this share."""
 
 WHEEL = 0.1
-"""A joint that slides is sized like one that turns a wheel of this radius on a rack, m."""
+"""Radius of a wheel on a rack, m, by which sizes at revolute joints are converted to sizes at prismatic joints."""
 
 RESTS = (0.4, -0.7, 0.3, 0.9, -0.5, 0.6, -0.2)
-"""Angle at which a spring pulls nothing, by the joint's number, rad; most cables pull more one way than the other."""
+"""Rest angles of springs by the joint's number, rad; off-centre, since most cables pull more one way than the other."""
 
 PLACE = np.array([0.03, -0.02, 0.08])
-"""Place of a payload in the frame of the last link, m."""
+"""Position of a payload in the frame of the last link, m."""
 
 _CREEP = 0.01
-"""Speed below which the direction of a motion is not certain, rad/s."""
+"""Speed scale over which asymmetric friction changes between both directions, rad/s."""
 
 _WELL = 0.12
 """Width of a detent, rad."""
@@ -40,14 +40,14 @@ _KICKS = 1.5
 """Mean number of kicks per second."""
 
 _KICK = 0.02
-"""Length of a kick, s."""
+"""Duration of a kick, s."""
 
 
 def size_at(hidden: Mapping[str, float], name: str, joint: str) -> float:
-    """Size of an effect at a joint, 0 where it is not hidden there.
+    """Return the size of an effect at a joint; 0 if it is not hidden there.
 
     Args:
-        hidden: Sizes of what is hidden: `name:joint`, or `name` where the mechanism has one joint.
+        hidden: Sizes of the hidden effects by `name:joint`, or by `name` if the mechanism has a single joint.
         name: Name of the effect.
         joint: Name of the joint.
     """
@@ -55,22 +55,22 @@ def size_at(hidden: Mapping[str, float], name: str, joint: str) -> float:
 
 
 class _Sizes:
-    """Sizes of what is hidden, joint by joint."""
+    """Sizes of the hidden effects, joint by joint."""
 
     def __init__(self, system: MechanismModel, hidden: Mapping[str, float]) -> None:
         self.system, self.hidden = system, hidden
 
     def __call__(self, name: str) -> Array:
-        """Sizes of an effect. [N]."""
+        """Return the sizes of an effect at all joints. [N]."""
         return np.array([size_at(self.hidden, name, joint) for joint in self.system.joints])
 
 
 class Drive:
-    """From the torque that is asked to the torque that acts: dead time, slowness, a supply that sags under load.
+    """The drive, which turns the commanded torque into the acting one: dead time, lag, and a supply that sags under load.
 
     Args:
         system: Model of the mechanism.
-        hidden: Sizes of what is hidden.
+        hidden: Sizes of the hidden effects.
         step: Step of the engine, s.
     """
 
@@ -86,7 +86,7 @@ class Drive:
         self._load = np.zeros(len(dead))
 
     def __call__(self, asked: Array) -> Array:
-        """Torque that acts in the next step of the engine. [N] -> [N]."""
+        """Return the torque that acts in the next step of the engine, N m. [N] -> [N]."""
         self._ring.append(asked)
         longest = int(self._back.max()) + 1
         self._ring = self._ring[-longest:]
@@ -99,11 +99,11 @@ class Drive:
 
 
 class Loads:
-    """Torques that act on the joints beside those of the motors.
+    """Torques on the joints in addition to those of the motors.
 
     Args:
         system: Model of the mechanism.
-        hidden: Sizes of what is hidden.
+        hidden: Sizes of the hidden effects.
         duration: Length of the course, s.
     """
 
@@ -124,7 +124,7 @@ class Loads:
         self._ways = rng.choice([-1.0, 1.0], len(self._at))
 
     def __call__(self, q: Array, v: Array, time: float, asked: Array) -> Array:
-        """Torques at a moment. [N], [N], s, [N] -> [N]."""
+        """Return the additional torques, N m, for positions, speeds, time and commanded torques. [N], [N], s, [N] -> [N]."""
         if not self.acts:
             return self.steady
         if self._begun is None:
@@ -134,7 +134,7 @@ class Loads:
         away = q - self._begun - 0.1
         extra = extra - self._detent * away / _WELL * np.exp(-0.5 * (away / _WELL) ** 2)
         extra = extra - self._stop * np.maximum(q - self._begun - 0.15, 0.0)
-        # A spring that slips once it is stretched by two hundredths: it remembers where it came from.
+        # Hysteresis: a spring whose stretch is limited to 0.06, beyond which it slips.
         self._bent = np.clip(self._bent + q - self._last, -0.06, 0.06)
         self._last = q.copy()
         extra = extra - self._hysteresis * self._bent
@@ -146,11 +146,11 @@ class Loads:
 
 
 class Rubs:
-    """Dry friction that changes with place, direction, load or time.
+    """Dry friction that depends on position, direction, load or time.
 
     Args:
         system: Model of the mechanism.
-        hidden: Sizes of what is hidden.
+        hidden: Sizes of the hidden effects.
     """
 
     def __init__(self, system: MechanismModel, hidden: Mapping[str, float]) -> None:
@@ -161,7 +161,7 @@ class Rubs:
         self._acts = any(bool(part.any()) for part in parts)
 
     def __call__(self, q: Array, v: Array, time: float, asked: Array) -> Array | None:
-        """Dry friction beside the known one, N m; None where none is hidden. [N], [N], s, [N] -> [N]."""
+        """Return the dry friction beyond the known one, N m; None if none is hidden. [N], [N], s, [N] -> [N]."""
         if not self._acts:
             return None
         dry = self._patchy * (1.0 + np.sin(5 * q)) + self._share * np.abs(asked) + self._worn * time
@@ -170,11 +170,11 @@ class Rubs:
 
 
 class Sensors:
-    """What the encoders say.
+    """The encoders: measured positions and speeds.
 
     Args:
         system: Model of the mechanism.
-        hidden: Sizes of what is hidden.
+        hidden: Sizes of the hidden effects.
         duration: Length of the course, s.
     """
 
@@ -186,11 +186,11 @@ class Sensors:
         self._odd = bool(self._off_axis.any() or self._drift.any() or self._slip.any())
 
     def __call__(self, q: Array, v: Array, time: float) -> tuple[Array, Array]:
-        """Angles and speeds as they are measured. [N], [N], s -> [N], [N]."""
+        """Return measured positions and speeds for true ones at a time. [N], [N], s -> [N], [N]."""
         seen, rate = self._scale * q + self._offset, self._scale * v
         if not self._odd:
             return seen, rate
-        # A disc whose middle lies off the axis: the direction to a mark on it, seen from the axis.
+        # An eccentric encoder disc: the direction to a mark on the disc, seen from the axis.
         mark = 1.0 + self._off_axis * self._along * np.exp(-1j * q)
         seen = seen + np.angle(mark)
         rate = rate * (1.0 + np.real(-self._off_axis * self._along * np.exp(-1j * q) / mark))
@@ -198,7 +198,7 @@ class Sensors:
         return seen, rate
 
     def place(self, wanted: Array) -> Array:
-        """Where the joints are when the encoders first say these angles. [N] -> [N]."""
+        """Return the true positions at which the encoders measure given ones at the start. [N] -> [N]."""
         q = (wanted - self._offset) / self._scale
         for _ in range(4):
             q = q - (self(q, np.zeros_like(q), 0.0)[0] - wanted)
@@ -206,11 +206,11 @@ class Sensors:
 
 
 class Commands:
-    """What becomes of the commands on their way to the controller.
+    """The path of the commands to the controller: delay, filter and rate limit.
 
     Args:
         system: Model of the mechanism.
-        hidden: Sizes of what is hidden.
+        hidden: Sizes of the hidden effects.
         first: First command. [N].
         period: Time between two commands, s.
     """
@@ -222,11 +222,11 @@ class Commands:
         self._sent, self._wanted = first, first
 
     def __call__(self, command: Array) -> Array:
-        """The command that reaches the controller. [N] -> [N]."""
+        """Return the command that reaches the controller. [N] -> [N]."""
         before, self._sent = self._sent, command
         if self._slow:
-            # The filter's exact answer to a line from the last command to this one: behind it by the line's rise in the time
-            # constant, but for what is left of the last distance.
+            # Exact response of the first-order filter to a ramp from the last command to this one: the output trails by the
+            # ramp's rise in one time constant, plus the decaying remainder of the last difference.
             behind = (command - before) * (self._slow / self._period)
             self._wanted = command - behind + (self._wanted - before + behind) * np.exp(-self._period / self._slow)
         else:
@@ -235,18 +235,18 @@ class Commands:
 
 
 def rest_of(joint: int, slides: bool = False) -> float:
-    """Where a spring at a joint of this number pulls nothing: an angle, rad, or a place, m, where the joint slides."""
+    """Return the rest position of a spring at a joint of this number, rad, or m if the joint is prismatic."""
     return RESTS[joint % len(RESTS)] * (WHEEL if slides else 1.0)
 
 
 def true_parameters(name: str, size: float, joint: int, slides: bool = False) -> dict[str, float]:
-    """Parameters that a perfect diagnosis gives for what is hidden, where the size is not the first of them.
+    """Return the parameters that a perfect diagnosis would give; empty if the size is the first and only one.
 
     Args:
         name: Name of the effect, without its joint.
         size: Size of the effect, in its unit.
-        joint: Number of the joint that it acts on.
-        slides: Whether that joint slides.
+        joint: Number of the joint on which it acts.
+        slides: Whether that joint is prismatic.
     """
     if name == "spring":
         return {"stiffness": size, "rest": rest_of(joint, slides)}

@@ -1,7 +1,8 @@
 """Photos of the benchmark's own world, with hidden effects in formulations of their own: nothing here imports image effects.
 
-A pixel is the mean of rays; every ray has its own time, so that shutters need no pictures to be put together. Lenses bend
-rays, spots are discs, corners lose light by the angle of the ray, mains light is a rectified wave, responses are tables.
+A pixel is the mean of several rays. Every ray has its own time, so that a rolling shutter needs no composition of images.
+Lenses bend rays, defocus is a disc, vignetting depends on the angle of the ray, mains light is a squared sine wave, and
+response curves are tables.
 """
 
 from __future__ import annotations
@@ -18,24 +19,24 @@ from gsbridge.geometry import Array
 from gsbridge.scene.track import Track
 
 FINE = 3
-"""Rays along each edge of a pixel."""
+"""Number of rays along each edge of a pixel."""
 
 _MOMENTS = 7
-"""Times within an open shutter."""
+"""Number of moments within an exposure."""
 
 READ, SHOT = 0.006, 6e-5
-"""Noise of the sensor: deviation in the dark, variance that is added up to white."""
+"""Noise of the sensor: standard deviation in the dark, and increase of the variance from black to white."""
 
 
 @dataclass
 class TruthCamera:
-    """A camera in the world and what is hidden in it.
+    """A camera in the world, with hidden effects.
 
     Args:
-        world: What it sees.
-        camera: Camera as it is thought to be.
-        hidden: Sizes by name.
-        spin: Directions, places and colours of what is hidden.
+        world: The world.
+        camera: Nominal pinhole camera.
+        hidden: Sizes of the hidden effects, by name.
+        spin: Directions, places and colours of the hidden effects.
     """
 
     world: ImageWorld
@@ -44,19 +45,19 @@ class TruthCamera:
     spin: Mapping[str, float] = field(default_factory=dict)
 
     def photos(self, track: Track, times: Array) -> Array:
-        """Encoded photos without noise, clamped. [N, H, W, 3]."""
+        """Return encoded photos without noise, clipped to 0..1. [N, H, W, 3]."""
         return np.stack([self._photo(track, float(time)) for time in times])
 
     def _size(self, name: str) -> float:
         return float(self.hidden.get(name, 0.0))
 
     def rays(self, focal: float, bend: float, fringe: float) -> Array:
-        """Directions in the camera, z = 1, row after row. [FINE * H * FINE * W, 3].
+        """Return the directions of all rays in the camera frame, z = 1, row by row. [FINE * H * FINE * W, 3].
 
         Args:
             focal: Factor on the focal length.
             bend: Radial distortion k1.
-            fringe: Share by which a colour is shown larger.
+            fringe: Share by which a colour channel is magnified.
         """
         camera = self.camera
         u = (np.arange(FINE * camera.width) + 0.5) / FINE
@@ -75,12 +76,12 @@ class TruthCamera:
         focal, bend, fringe = 1.0 + self._size("focal"), self._size("distortion"), self._size("fringe")
         if not fringe:
             return self._finished(self._light(track, time, self.rays(focal, bend, 0.0)), time)
-        # A lens that shows red larger and blue smaller.
+        # Lateral chromatic aberration: red is magnified and blue is shrunk.
         parts = [self._light(track, time, self.rays(focal, bend, sign * fringe))[..., k] for k, sign in enumerate((1, 0, -1))]
         return self._finished(np.stack(parts, axis=-1), time)
 
     def _light(self, track: Track, time: float, rays: Array) -> Array:
-        """Linear light on the fine grid, before the lens's spot."""
+        """Return the linear light on the fine grid, before defocus. [FINE * H, FINE * W, 3]."""
         camera, open_for = self.camera, self._size("motion_blur")
         tall, wide = FINE * camera.height, FINE * camera.width
         rows = np.repeat((np.arange(tall) + 0.5) / FINE - 0.5 * camera.height, wide)
@@ -92,7 +93,7 @@ class TruthCamera:
         return total.reshape(tall, wide, 3)
 
     def _seen(self, track: Track, when: Array, rays: Array) -> Array:
-        """Light along rays that each have a time of their own. [R], [R, 3] -> [R, 3]."""
+        """Return the light along rays, each at its own time, s. [R], [R, 3] -> [R, 3]."""
         moments, which = np.unique(when, return_inverse=True)
         poses = track.at(moments)
         mount = self.mount()
@@ -108,7 +109,7 @@ class TruthCamera:
         return colours if not self._size("shadow") else colours * self.lamp(places)[:, None].astype(np.float32)
 
     def mount(self) -> Array:
-        """Where the camera really is in the frame of where it is thought to be. [4, 4]."""
+        """Return the pose of the true camera in the frame of the nominal one. [4, 4]."""
         out = np.eye(4)
         size = self._size("extrinsics")
         if size:
@@ -119,9 +120,9 @@ class TruthCamera:
         return out
 
     def lamp(self, places: Array) -> Array:
-        """Light that falls on a place, as a share of all. [R, 3] -> [R]."""
+        """Return the share of the lamp's light that reaches points, in the world frame, m. [R, 3] -> [R]."""
         size = self._size("shadow")
-        # A round thing under a round lamp: the share of the lamp's disc that is seen past its edge.
+        # A round object under a round lamp: the share of the lamp's disc that is visible past the object's edge.
         centre, radius = np.array([self.spin["px"], self.spin["py"]]), self.spin["radius"]
         past = (np.hypot(*(places[:, :2] - centre).T) - radius) / (0.25 * radius)
         edge = np.clip(past, -1.0, 1.0)
@@ -129,14 +130,14 @@ class TruthCamera:
         return 1.0 - size * covered
 
     def _finished(self, light: Array, time: float) -> Array:
-        """Encoded values of the light on the fine grid."""
+        """Return the encoded photo for light on the fine grid at a time, s."""
         return self.developed(_encoded(np.clip(self.gathered(light, time), 0.0, 1.0)))
 
     def gathered(self, light: Array, time: float = 0.0) -> Array:
-        """Linear light that each pixel of the sensor counts. [FINE * H, FINE * W, 3] -> [H, W, 3].
+        """Return the linear light at each pixel, after lens and gains. [FINE * H, FINE * W, 3] -> [H, W, 3].
 
         Args:
-            light: Light on the fine grid, before the lens blurs it. [FINE * H, FINE * W, 3].
+            light: Light on the fine grid, before defocus. [FINE * H, FINE * W, 3].
             time: Time of the photo, s.
         """
         camera = self.camera
@@ -155,7 +156,7 @@ class TruthCamera:
             image = image * (np.cos(angle) ** 4)[..., None]
         if self._size("flicker"):
             rows = time + (np.arange(camera.height) + 0.5 - 0.5 * camera.height) * self.spin["readout"]
-            # Power of a lamp on the mains: the square of a wave of half its frequency.
+            # The power of a mains lamp is the square of a sine wave of half its frequency.
             wave = 2.0 * np.sin(np.pi * self.spin["hertz"] * rows + self.spin["phase"]) ** 2 - 1.0
             image = image * (1.0 + self._size("flicker") * wave)[:, None, None]
         image = image * np.exp2(self._size("exposure"))
@@ -166,14 +167,14 @@ class TruthCamera:
         return np.asarray(image)
 
     def developed(self, code: Array) -> Array:
-        """What the camera's electronics make of encoded values. [H, W, 3] float32."""
+        """Apply the effects of the camera's electronics to encoded values. [H, W, 3] float32."""
         camera = self.camera
         v = ((np.arange(camera.height) + 0.5 - camera.cy) / (0.5 * np.hypot(camera.width, camera.height)))[:, None]
         if self._size("response"):
             knots = np.linspace(0.0, 1.0, 1025)
             code = np.interp(code, knots, knots ** np.exp(self._size("response")))
         if self._size("ghost"):
-            # A second reflection in a window pane before the lens: outside every catalogue.
+            # A second reflection in a window pane in front of the lens, which is outside the catalogue.
             shift = round(5 * self.camera.width / 64)
             code = code + self._size("ghost") * np.roll(code, (shift, -2 * shift), axis=(0, 1))
         if self._size("haze_depth"):
@@ -184,11 +185,11 @@ class TruthCamera:
 
 
 def grainy(photos: Array, hidden: Mapping[str, float], rng: np.random.Generator) -> Array:
-    """Photos with the sensor's noise, drawn by counting electrons and rounded to 8 bits.
+    """Add the sensor's noise to photos, by counting electrons, and round them to 8 bits.
 
     Args:
         photos: Photos without noise, 0..1. [...].
-        hidden: Sizes of what is hidden; `noise` is the standard deviation of noise added to the sensor's own.
+        hidden: Sizes of the hidden effects; `noise` is the standard deviation of noise added to the sensor's own.
         rng: Random numbers.
 
     Returns:
@@ -202,7 +203,10 @@ def grainy(photos: Array, hidden: Mapping[str, float], rng: np.random.Generator)
 
 
 def _disc(light: Array, diameter: float) -> Array:
-    """Light through a round aperture out of focus: the mean over a disc with soft edge. `diameter` is four deviations."""
+    """Blur light by a disc, as a defocused round aperture does.
+
+    The edge of the disc is antialiased. Its `diameter`, in fine pixels, is four standard deviations of the disc along an axis.
+    """
     reach = int(np.ceil(0.5 * diameter)) + 1
     fine = (np.arange(-8 * reach - 4, 8 * reach + 4) + 0.5) / 8.0
     inside = (np.hypot(fine[:, None], fine) <= 0.5 * diameter).astype(np.float64)
@@ -211,7 +215,7 @@ def _disc(light: Array, diameter: float) -> Array:
 
 
 def _colourful(image: Array, factor: float) -> Array:
-    """Colour differences of a video signal in linear light (Rec. 709) times a factor."""
+    """Multiply the colour differences (Rec. 709) of linear light by a factor."""
     red, green, blue = np.moveaxis(image, -1, 0)
     luma = 0.2126 * red + 0.7152 * green + 0.0722 * blue
     c_b, c_r = factor * (blue - luma) / 1.8556, factor * (red - luma) / 1.5748
@@ -220,5 +224,5 @@ def _colourful(image: Array, factor: float) -> Array:
 
 
 def _encoded(light: Array) -> Array:
-    """sRGB of linear light, by its two pieces."""
+    """Encode linear light as sRGB, by the two pieces of its definition."""
     return np.piecewise(light, [light <= 0.0031308], [lambda x: 12.92 * x, lambda x: 1.055 * x ** (1 / 2.4) - 0.055])

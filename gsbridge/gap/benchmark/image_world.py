@@ -1,6 +1,6 @@
-"""A small world of its own for blind image cases: a textured table with boxes, drawn by tracing rays and without splats.
+"""A small synthetic world for blind image cases: a textured table with boxes, rendered by ray tracing without splats.
 
-Colours are linear light. Textures are sums of waves and patches with edges, or pictures that are given.
+Colours are linear light. Textures are sums of waves with sharp-edged patches on top, or given images.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _WAVES = 7
 _PATCHES = 24
 _TABLE = 1.2
 _SIDE = 0.24
-"""Edges of the textures of table and boxes, m; beyond, they are repeated in mirror images."""
+"""Edge lengths of the textures of table and boxes, m; beyond their edges, textures are mirrored."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Texture:
     """Albedo of a surface.
 
     Args:
-        albedo: Linear. [H, W, 3] float32.
-        size: Edge that the picture covers, m.
+        albedo: Linear albedo. [H, W, 3] float32.
+        size: Edge length that the texture covers, m.
     """
 
     albedo: Array
@@ -37,12 +37,12 @@ class Texture:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, size: float, pixels: int) -> Texture:
-        """Draw waves and discs of random colours.
+        """Draw a texture of waves and discs of random colours.
 
         Args:
             rng: Random numbers.
-            size: Edge that the picture covers, m.
-            pixels: Edge of the picture, px.
+            size: Edge length that the texture covers, m.
+            pixels: Edge length of the texture, px.
         """
         y, x = np.meshgrid(*(((np.arange(pixels) + 0.5) / pixels - 0.5,) * 2), indexing="ij")
         lengths, angles = rng.uniform(0.06, 0.4, _WAVES), rng.uniform(0.0, np.pi, _WAVES)
@@ -59,18 +59,18 @@ class Texture:
 
     @classmethod
     def of(cls, picture: Array, size: float, pixels: int) -> Texture:
-        """A picture as albedo of a surface.
+        """Make a texture of an image.
 
         Args:
-            picture: sRGB 0..1. [H, W, 3].
-            size: Edge that it covers, m.
-            pixels: Edge that it is resized to, px.
+            picture: sRGB image, 0..1. [H, W, 3].
+            size: Edge length that the texture covers, m.
+            pixels: Edge length to which the image is resized, px.
         """
         small = cv2.resize(picture.astype(np.float32), (pixels, pixels), interpolation=cv2.INTER_AREA)
         return cls(np.clip(linear_from_srgb(small), 0.01, 0.9), size)
 
     def at(self, x: Array, y: Array) -> Array:
-        """Albedo at some places, m. [R], [R] -> [R, 3]."""
+        """Return the albedo at positions on the surface, m. [R], [R] -> [R, 3]."""
         pixels = len(self.albedo)
         columns, rows = ((v / self.size + 0.5) * pixels - 0.5 for v in (x, y))
         parts = range(0, len(columns), 32000)
@@ -90,10 +90,10 @@ class Box:
     """A box that stands on the table.
 
     Args:
-        middle: Its centre on the table, m. [2].
-        turn: About z, rad.
-        half: Half edges, m. [3].
-        texture: Texture of its top and, stretched, of its sides.
+        middle: Centre on the table, m. [2].
+        turn: Rotation about z, rad.
+        half: Half edge lengths, m. [3].
+        texture: Texture of the top and of the sides.
     """
 
     middle: Array
@@ -104,7 +104,7 @@ class Box:
 
 @dataclass(frozen=True)
 class ImageWorld:
-    """An endless table at z = 0, and boxes on it.
+    """An infinite table at z = 0 with boxes on it.
 
     Args:
         table: Texture of the table.
@@ -120,7 +120,7 @@ class ImageWorld:
 
         Args:
             seed: Seed of everything.
-            pictures: sRGB pictures, one of which the table may carry. Each [H, W, 3].
+            pictures: sRGB images, one of which textures the table; none for a painted table. Each [H, W, 3].
         """
         rng = np.random.default_rng(seed)
         boxes = []
@@ -134,7 +134,7 @@ class ImageWorld:
         return cls(table, tuple(boxes))
 
     def look(self, origins: Array, directions: Array) -> tuple[Array, Array]:
-        """What rays see: linear colour and place, m. [R, 3] each -> [R, 3], [R, 3]."""
+        """Return linear colours and hit points, m, of rays from origins, m, along directions. [R, 3] each -> [R, 3], [R, 3]."""
         ox, oy, oz = (np.ascontiguousarray(v, np.float32) for v in origins.T)
         dx, dy, dz = (np.ascontiguousarray(v, np.float32) for v in directions.T)
         nearest = -oz / np.minimum(dz, np.float32(-1e-6))
@@ -170,12 +170,12 @@ class ImageWorld:
 
 
 def course(seed: int, duration: float = 4.0, rounds: float = 0.0, rate: float = 25.0) -> Track:
-    """How a hand moves a camera above the table: to and fro, up and down, with turns.
+    """Draw the course of a camera that a hand moves above the table: to and fro, up and down, with rotations.
 
     Args:
         seed: Seed of the motion.
         duration: Length of the course, s.
-        rounds: Times that the camera also goes round the middle.
+        rounds: Number of additional rounds about the middle of the table.
         rate: Poses per second.
     """
     rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Drawing blind image cases: a world, photos of two days with hidden effects between them, sizes in units of the noise."""
+"""Drawing of blind image cases: a world, photos before and after effects are hidden, and sizes in units of the noise."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SIZES: Mapping[str, tuple[float, int, float]] = {
     "latency": (0.005, 1, 0.2),
     "flicker": (0.02, 1, 0.6),
 }
-"""For every effect: a size to begin the search for the unit with, its sign (0 for both), and the largest that makes sense."""
+"""Start size for the search of the unit, sign (0 for both) and largest plausible size by effect, in units of `TruthCamera`."""
 
 STRANGE: Mapping[str, tuple[float, int, float]] = {
     "fringe": (0.002, 1, 0.06),
@@ -47,16 +47,16 @@ STRANGE: Mapping[str, tuple[float, int, float]] = {
     "haze_depth": (0.03, 1, 0.8),
     "stripes": (0.01, 1, 0.3),
 }
-"""Effects outside the catalogue: colours of a lens that differ in size, a reflection, haze at the top, a pattern of columns."""
+"""Effects outside the catalogue, as in `SIZES`: chromatic aberration, a reflection, haze at the top, a pattern of columns."""
 
 STILL = ("rolling_shutter", "motion_blur", "latency", "flicker")
-"""What shows in photos of a moving camera alone, or in the light of one moment."""
+"""Effects that show only if the camera moves or if photos have different time stamps."""
 
 REPEATS = 4
-"""Further photos of each view before something changes."""
+"""Number of repeated photos of each view before the change."""
 
 _DEPTH = 0.004
-"""Relative error of the depths that a diagnosis gets: that of a registered mesh."""
+"""Relative error of the depths that a diagnosis gets, as of a registered mesh."""
 
 _TRIES = 14
 
@@ -66,10 +66,10 @@ class ImageSite:
     """A world and the camera in it.
 
     Args:
-        world: The truth.
+        world: The true world.
         camera: Camera of all photos.
         photos: Number of photos of each role.
-        seed: Seed of everything.
+        seed: Seed of the world.
     """
 
     world: ImageWorld
@@ -78,11 +78,11 @@ class ImageSite:
     seed: int
 
     def lens(self, hidden: Mapping[str, float] | None = None, spin: Mapping[str, float] | None = None) -> TruthCamera:
-        """A camera in the world."""
+        """Return a camera in the world with hidden effects and their directions, places and colours."""
         return TruthCamera(self.world, self.camera, hidden or {}, spin or {})
 
     def depths(self, poses: Array, rng: np.random.Generator) -> Array:
-        """Camera z of what views show, nearly. [N, 4, 4] -> [N, H, W]."""
+        """Return the depths of views along the camera's z axis with a relative error, m. [N, 4, 4] -> [N, H, W]."""
         rays, out = self.camera.pixel_rays().reshape(-1, 3), []
         for pose in poses:
             centre = -pose[:3, :3].T @ pose[:3, 3]
@@ -92,27 +92,27 @@ class ImageSite:
 
 
 def film(seed: int, photos: int, duration: float = 4.0, rounds: float = 0.0) -> tuple[Track, Array]:
-    """A course and irregular times of photos on it.
+    """Draw a course of the camera and irregular times of photos on it.
 
     Args:
         seed: Seed of the course and the times.
         photos: Number of photos, N.
         duration: Length of the course, s.
-        rounds: Times the camera goes round the middle of the table.
+        rounds: Number of rounds of the camera about the middle of the table.
 
     Returns:
-        The course, and the times of the photos, s, rising. [N].
+        The course, and the times of the photos in ascending order, s. [N].
     """
     rng = np.random.default_rng(seed)
     return course(seed, duration, rounds), np.sort(rng.uniform(0.25, duration - 0.25, photos))
 
 
 def image_site(seed: int, pictures: Sequence[Array] = (), *, camera: Camera = CAMERA, photos: int = 8) -> ImageSite:
-    """World and camera of photo cases.
+    """Draw the world and camera of photo cases.
 
     Args:
-        seed: Seed of the world and its films.
-        pictures: sRGB pictures, one of which lies on the table. [H, W, 3] each.
+        seed: Seed of the world.
+        pictures: sRGB images, one of which textures the table; none for a painted table. [H, W, 3] each.
         camera: Camera of all photos.
         photos: Number of photos of each role.
     """
@@ -125,11 +125,11 @@ class DrawnImageCase:
 
     Args:
         name: Name of the case.
-        hidden: Sizes by name; empty for an effect-free case.
-        units: Size in units of the detection limit.
+        hidden: Sizes of the hidden effects, by name; empty for an effect-free case.
+        units: Size of each effect, in units of the detection limit.
         pairs: Photos by role.
-        clean: What `verify` would have been without noise. [N, H, W, 3].
-        plain: What `verify` would have been with nothing hidden. [N, H, W, 3].
+        clean: Later photos of `verify` without noise. [N, H, W, 3].
+        plain: Photos of `verify` without noise and hidden effects. [N, H, W, 3].
         seal: SHA-256 of the truth.
     """
 
@@ -148,14 +148,14 @@ def draw_image_case(
     """Draw one case.
 
     Args:
-        site: Camera, scene and light of the photos.
-        names: What is hidden; each of `units` by itself.
-        units: Size of each, in units of the detection limit.
+        site: World and camera of the photos.
+        names: Names of the effects to hide.
+        units: Size of each effect by itself, in units of the detection limit.
         seed: Seed of views, signs, directions and noise.
-        moving: Whether the camera moves while photos are taken; None where something is hidden that shows in motion alone.
+        moving: Whether the camera moves while photos are taken; None for only if an effect in `STILL` is hidden.
 
     Raises:
-        ValueError: An effect does not reach that size within what makes sense.
+        ValueError: An effect does not reach that size within its plausible range.
     """
     rng = np.random.default_rng(seed)
     moving = any(name in STILL for name in names) if moving is None else moving
@@ -182,15 +182,15 @@ def hidden_pairs(
     *,
     moving: bool = False,
 ) -> dict[str, Pairs]:
-    """Photos of all roles before and after something was hidden in the camera.
+    """Simulate photos of all roles before and after effects are hidden in the camera.
 
     Args:
-        site: Camera, scene and light of the photos.
-        hidden: Sizes by name.
-        films: The camera's way and the times of photos on it, s, by role. [N] each.
-        spin: Directions, places and colours of what is hidden.
+        site: World and camera of the photos.
+        hidden: Sizes of the hidden effects, by name.
+        films: Course of the camera and times of the photos, s, by role. [N] each.
+        spin: Directions, places and colours of the hidden effects.
         rng: Random numbers for noise.
-        moving: Whether the camera moves; otherwise it stands at the same places.
+        moving: Whether the camera moves; otherwise it rests at the same poses.
     """
     out = {}
     for role, (way, times) in films.items():
@@ -205,7 +205,7 @@ def hidden_pairs(
 
 
 def _posed(film: tuple[Track, Array], moving: bool) -> tuple[Track, Array]:
-    """A way that a camera goes, or rests on: it stays at each place for long enough that nothing of the motion shows."""
+    """Return a film unchanged if the camera moves; otherwise make the camera rest 2 s at each pose, so no motion shows."""
     if moving:
         return film
     track, times = film
@@ -218,17 +218,17 @@ def _posed(film: tuple[Track, Array], moving: bool) -> tuple[Track, Array]:
 def size_of_units(
     site: ImageSite, name: str, sign: float, units: float, film: tuple[Track, Array], spin: Mapping[str, float]
 ) -> float:
-    """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
+    """Find the size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
 
-    Lengths are in units of the true noise of an earlier and a later photo.
+    Lengths are in units of the true noise of the difference of an earlier and a later photo.
 
     Args:
         site: World and camera.
-        name: What is hidden: a name of `SIZES` or `STRANGE`.
-        sign: 1 or -1.
+        name: Name of the effect, of `SIZES` or `STRANGE`.
+        sign: Sign of the size, 1 or -1.
         units: Wanted size in units of the detection limit.
-        film: Course of the camera and times of the photos, s, from `film`. [N].
-        spin: Directions, places and colours of what is hidden, as `TruthCamera` takes them.
+        film: Course of the camera and times of the photos, s, from the function `film`. [N].
+        spin: Directions, places and colours of the effect, as `TruthCamera` takes them.
 
     Returns:
         The size without its sign, in the effect's own unit.
@@ -261,14 +261,14 @@ def size_of_units(
 
 
 def _noise_of_units(plain: Array, aim: float) -> float:
-    """Standard deviation of added noise that raises the log variance of the photos' noise by `aim` of its own deviations."""
+    """Return the standard deviation of added noise that raises the log noise variance by `aim` standard deviations of it."""
     usual = float((READ**2 + SHOT * plain).mean())
-    # The logarithm of a variance from n numbers has a variance of 2 / n; that of a ratio twice as much.
+    # The log of a variance estimated from n numbers has the variance 2 / n, and the log of a ratio of two has twice that.
     return float(np.sqrt(usual * np.expm1(aim * np.sqrt(4.0 / plain.size))))
 
 
 def _spin(rng: np.random.Generator) -> dict[str, float]:
-    """Directions, places and colours of whatever may be hidden."""
+    """Draw directions, places and colours for all effects that may be hidden."""
     way, turn = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
     light = rng.dirichlet([0.7, 0.7, 0.7])
     tint = rng.uniform(0, 2 * np.pi)

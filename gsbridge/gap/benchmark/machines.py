@@ -1,4 +1,4 @@
-"""Further mechanisms, from a sliding axis to a light arm: descriptions, controllers, and what may be hidden in them."""
+"""Further mechanisms, from a linear axis to a light arm: descriptions, controllers, and effects that may be hidden in them."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ EFFECTS = (*_SIGNED, *_POSITIVE, *_WHOLE)
 """Effects of driven joints that may be hidden."""
 
 NEVER_HIDDEN = ("damping", "table")
-"""Candidates of the diagnosis without a truth here yet: cases show whether they are named wrongly, not whether rightly."""
+"""Effects of the catalogue that are never hidden yet. Cases can show only that they are named wrongly, not rightly."""
 
 _LENGTH = ("encoder_offset", "backlash", "eccentricity")
 _FORCE = ("effort_offset", "coulomb", "coulomb_asym", "stribeck", "ripple", "detent", "kicks")
 _POWERS = {"viscous": 2, "armature": 2, "spring": 2, "quadratic_drag": 3, "saturation": -1, "rate_limit": 1, "compliance": -2,
            "cubic_spring": 4, "stop": 2, "hysteresis": 2, "sagging": -1}  # fmt: skip
-"""Powers of one over the wheel's radius by which a figure in radians becomes one in metres."""
+"""Powers of one over the wheel's radius that convert a size at a revolute joint to one at a prismatic joint."""
 
 LARGEST = {"backlash": 0.05, "compliance": 0.02, "eccentricity": 0.05, "load_friction": 0.4, "ripple": 5.0,
            "torque_delay": 0.015, "torque_lag": 0.03, "warming": 0.1, "coulomb_asym": 10.0, "rate_limit": 40.0,
@@ -42,13 +42,13 @@ LARGEST = {"backlash": 0.05, "compliance": 0.02, "eccentricity": 0.05, "load_fri
            "encoder_scale": 0.1, "base_tilt": 0.1, "effort_offset": 10.0, "coulomb": 10.0, "stribeck": 5.0, "viscous": 20.0,
            "quadratic_drag": 20.0, "armature": 1.0, "spring": 20.0, "payload": 5.0, "command_delay": 0.15, "lag": 0.1,
            "clock_offset": 0.05, "clock_drift": 0.02}  # fmt: skip
-"""Sizes, SI, beyond which a fault is a broken machine."""
+"""Largest plausible sizes, SI; beyond them, the machine is broken."""
 
 UNKNOWN_OF = {
     "development": {"cubic_spring": 0.1, "shaking": 0.05, "patchy_friction": 0.05, "kicks": 0.5},
     "scored": {"detent": 0.1, "hysteresis": 1.0, "drifting": 2e-3, "sagging": 0.05, "stop": 1.0, "slip": 2e-3},
 }
-"""Families of what is in no catalogue, with the size to begin at; none is in both splits."""
+"""Effects outside the catalogue by split, with the start size of the search, SI; none is in both splits."""
 
 LOGGED = ("position", "velocity", "effort")
 
@@ -59,7 +59,7 @@ DURATIONS = (2.01, 4.0, 8.0, 20.0, 60.0)
 """Lengths of the records, s."""
 
 _SAMPLES = 20000
-"""Samples that a record may have: what is longer is logged more rarely."""
+"""Largest number of samples of a record."""
 
 
 @dataclass(frozen=True)
@@ -67,16 +67,17 @@ class Machine:
     """A chain of links.
 
     Args:
-        links: For each link its name, `revolute` or `prismatic`, axis, origin in the link before, mass, centre and moments. SI.
-        stiffness: Gains of the controller, N m/rad or N/m.
-        damping: N m s/rad or N s/m.
+        links: For each link: name of its joint, `revolute` or `prismatic`, axis, origin in the previous link's frame (m), mass
+            (kg), centre of mass (m) and moments of inertia (kg m2).
+        stiffness: Stiffnesses of the controller, N m/rad or N/m.
+        damping: Dampings of the controller, N m s/rad or N s/m.
         armature: Inertias of the rotors, kg m2 or kg.
-        viscous: Known losses, N m s/rad or N s/m.
+        viscous: Known viscous friction, N m s/rad or N s/m.
         coulomb: Known dry friction, N m or N.
-        carried: Share of the weight that the controller carries.
+        carried: Share of the weight that the controller compensates.
         centre: Middle posture, rad or m.
-        reach: Largest commanded distance from it, rad or m.
-        effort: Noise of the efforts, N m or N.
+        reach: Largest commanded distance from the middle posture, rad or m.
+        effort: Standard deviations of the noise of efforts, N m or N.
     """
 
     links: tuple[tuple[str, str, str, str, float, str, tuple[float, float, float]], ...]
@@ -97,7 +98,7 @@ class Machine:
 
     @property
     def sliding(self) -> tuple[str, ...]:
-        """Names of those that slide."""
+        """Names of the prismatic joints."""
         return tuple(link[0] for link in self.links if link[1] == "prismatic")
 
 
@@ -144,8 +145,8 @@ MACHINES: Mapping[str, Machine] = {
         (0.0, 0.4, 0.8, 0.3, 0.0), (0.8, 0.5, 0.6, 0.7, 0.9), (0.01,) * 5,
     ),
 }  # fmt: skip
-"""An axis whose weight is carried, a pendulum whose weight is not, a linear axis in metres, a SCARA, an arm of three joints
-without gravity compensation, and a light arm of five, after the servo arms that hobbyists print."""
+"""The machines: an axis with gravity compensation, a pendulum without, a linear axis, a SCARA, an arm of three joints without
+gravity compensation, and a light arm of five joints, modelled on the servo arms that hobbyists print."""
 
 
 @dataclass(frozen=True)
@@ -154,9 +155,9 @@ class Logging:
 
     Args:
         machine: One of `MACHINES`.
-        rate: Samples per second.
+        rate: Sampling rate, Hz.
         duration: Length of each record, s.
-        channels: Logged ones.
+        channels: Channels that are logged.
     """
 
     machine: str
@@ -166,7 +167,7 @@ class Logging:
 
 
 def drawn_logging(course_seed: int) -> Logging:
-    """A machine and how it is recorded, from the seed of its courses alone; seeds in a row go through all machines."""
+    """Draw a machine and how it is recorded from the seed of its courses; consecutive seeds cycle through all machines."""
     rng = np.random.default_rng([course_seed, 5])
     name = list(MACHINES)[course_seed % len(MACHINES)]
     rate, duration = float(rng.choice(RATES)), float(rng.choice(DURATIONS))
@@ -176,7 +177,7 @@ def drawn_logging(course_seed: int) -> Logging:
 
 
 def machine_model(name: str, folder: str | Path) -> Path:
-    """Write a machine: `machine.urdf` and `model.yaml`. Returns the model's path."""
+    """Write `machine.urdf` and `model.yaml` of a machine, and return the path of the model."""
     folder, machine = Path(folder), MACHINES[name]
     rows, above = ['<robot name="machine"><link name="base"/>'], "base"
     for joint, kind, axis, origin, mass, centre, (xx, yy, zz) in machine.links:
@@ -203,11 +204,11 @@ def machine_model(name: str, folder: str | Path) -> Path:
 
 
 def machine_plant(name: str, folder: str | Path) -> tuple[MechanismModel, BenchmarkMechanism]:
-    """A machine's model and how it really moves.
+    """Return a machine's model and the simulator of its true motion.
 
     Args:
         name: One of `MACHINES`.
-        folder: Gets the model.
+        folder: Folder to which the model is written.
     """
     machine, system = MACHINES[name], read_mechanism_model(machine_model(name, folder))
     slides = np.array([joint in machine.sliding for joint in machine.joints])
@@ -218,7 +219,7 @@ def machine_plant(name: str, folder: str | Path) -> tuple[MechanismModel, Benchm
     for joint in machine.joints:
         for family, sign in known:
             for effect, start in family.items():
-                # A disc that sits off its axis needs an axis.
+                # An eccentric encoder exists at revolute joints only.
                 if not (joint in machine.sliding and effect == "eccentricity"):
                     sizes[f"{effect}:{joint}"] = (start * scale_of(effect) if joint in machine.sliding else start, sign)
     noise = {
@@ -236,13 +237,13 @@ def machine_plant(name: str, folder: str | Path) -> tuple[MechanismModel, Benchm
 
 
 def scale_of(effect: str) -> float:
-    """Factor of an effect's figures at a joint that slides."""
+    """Return the factor that converts an effect's size at a revolute joint to one at a prismatic joint."""
     power = -1 if effect in _LENGTH else 1 if effect in _FORCE else _POWERS.get(effect, 0)
     return float(WHEEL**-power)
 
 
 def names_of(plant: BenchmarkMechanism, split: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What may be hidden and is in the catalogue, and what is in none, in a split.
+    """Return the effects that may be hidden in a split: those of the catalogue, and those outside it.
 
     Args:
         plant: The machine.

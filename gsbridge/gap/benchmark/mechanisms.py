@@ -1,4 +1,4 @@
-"""Mechanisms of the benchmark: a single axis, and an arm, each with its model and what may be hidden in it."""
+"""Mechanisms of the benchmark: a single axis and an arm, each with its model and the effects that may be hidden in it."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _LEVER = 0.2
 """Distance of the centre of mass from the axis, m."""
 
 UNKNOWN = ("cubic_spring", "shaking", "patchy_friction")
-"""Effects that no catalogue of the diagnosis holds, as development sees them."""
+"""Effects outside the catalogue of the diagnosis that the split `development` hides in axis and arm."""
 
 UNKNOWN_OF = {"development": (*UNKNOWN, "kicks"), "scored": ("detent", "hysteresis", "drifting", "sagging", "stop", "slip")}
-"""Names of the effects by split; none is in both."""
+"""Names of the effects outside the catalogue by split; none is in both."""
 
 _AXIS_UNKNOWN = {"development": UNKNOWN, "scored": ("detent", "stop")}
 
@@ -45,11 +45,11 @@ LARGEST = {
     "quadratic_drag": 20.0, "armature": 1.0, "spring": 20.0, "payload": 5.0, "command_delay": 0.15, "lag": 0.1,
     "clock_offset": 0.05, "clock_drift": 0.02,
 }  # fmt: skip
-"""Sizes, SI, up to which a fault is likely at all: where an effect hardly shows, twenty units of it are a broken machine."""
+"""Largest plausible sizes, SI. Where an effect hardly shows, a size of twenty units can mean a broken machine."""
 
 
 def axis_model(folder: str | Path) -> Path:
-    """Write the single axis: `axis.urdf` and `model.yaml`. Returns the model's path."""
+    """Write `axis.urdf` and `model.yaml` of the single axis, and return the path of the model."""
     folder = Path(folder)
     mass = AXIS["moment"] / _LEVER
     across = AXIS["inertia"] - mass * _LEVER**2
@@ -79,7 +79,7 @@ def axis_model(folder: str | Path) -> Path:
 
 
 def controller(stiffness: Any, damping: Any) -> dict[str, Any]:
-    """The controller that all truths have: 1 kHz, commands joined by lines, the weight carried."""
+    """Return the settings of the controller: 1 kHz, linear interpolation between commands, full gravity compensation."""
     return {
         "mode": "pd",
         "rate": 1000,
@@ -91,7 +91,7 @@ def controller(stiffness: Any, damping: Any) -> dict[str, Any]:
 
 
 def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[MechanismModel, BenchmarkMechanism]:
-    """The single axis with truths of the closed equation (`analytic`) or of MuJoCo (`mujoco`)."""
+    """Return model and truth of the axis, simulated by its equation (`analytic`) or in MuJoCo (`mujoco`)."""
     system = read_mechanism_model(axis_model(folder))
     truth: Truth = run_axis if engine == "analytic" else MujocoTruth(system)
     sizes = {name: (0.01, 0 if name in (*SIGNED, "gravcomp") else 1) for name in NAMES}
@@ -102,12 +102,12 @@ def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[MechanismM
 
 
 def arm_plant(system: MechanismModel, centre: Sequence[float], reach: Sequence[float]) -> BenchmarkMechanism:
-    """An arm whose truths MuJoCo simulates.
+    """Return an arm whose truths are simulated in MuJoCo.
 
     Args:
         system: Model of the arm.
         centre: Middle posture, rad. [N].
-        reach: Largest commanded distance from it, rad. [N].
+        reach: Largest commanded distance from the middle posture, rad. [N].
     """
     sizes = {"command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0), "payload": (0.05, 1)}
     sizes |= {"clock_drift": (5e-4, 0)}
@@ -134,11 +134,11 @@ _ARM: dict[str, Any] = {
     "reach": 0.5,
     "tool": "lbr_iiwa_link_7",
 }
-"""The arm of the benchmark, an iiwa: gains of its controller, known losses, posture, and the link that a tracker sees."""
+"""The arm of the benchmark, an iiwa: controller gains, known viscous friction, middle posture, and tracked link."""
 
 
 def arm_model(folder: str | Path) -> Path:
-    """Write the arm: `arm.urdf`, without shapes, and `model.yaml`. Returns the model's path."""
+    """Write `arm.urdf`, without shapes, and `model.yaml` of the arm, and return the path of the model."""
     folder = Path(folder)
     source = Path(pybullet_data.getDataPath()) / "kuka_iiwa" / "model.urdf"
     skeleton = Skeleton.read(source, _ARM["joints"])
@@ -153,16 +153,16 @@ def arm_model(folder: str | Path) -> Path:
 
 @dataclass(frozen=True)
 class MechanismSite:
-    """Source of a tier's cases.
+    """A mechanism from which cases are drawn.
 
     Args:
         kind: `axis`, `arm` or `machine`.
         system: The model that is diagnosed.
-        plant: How it really moves.
-        names: What may be hidden and is in the catalogue.
-        strange: What may be hidden and is not.
-        folder: Name of its model's folder.
-        rate: Samples per second of its logs.
+        plant: The true mechanism.
+        names: Effects of the catalogue that may be hidden.
+        strange: Effects outside the catalogue that may be hidden.
+        folder: Name of the model's folder.
+        rate: Sampling rate of the logs, Hz.
     """
 
     kind: str
@@ -175,15 +175,15 @@ class MechanismSite:
 
 
 def mechanism_site(tier: str, folder: str | Path, split: str = "development") -> MechanismSite:
-    """Mechanism and truth of a tier; its model is written below `folder`.
+    """Write the model of a tier's mechanism, and return the mechanism.
 
     Args:
-        tier: One of `gsbridge.gap.benchmark.case_plan.TIERS`.
-        folder: Gets `axis` or `arm` with the model.
-        split: One of `gsbridge.gap.benchmark.case_plan.SPLITS`: what is in no catalogue differs between them.
+        tier: `t0`, `t1` or `t2`.
+        folder: Folder in which `axis` or `arm` is created with the model.
+        split: One of `gsbridge.gap.benchmark.case_plan.SPLITS`; the effects outside the catalogue depend on it.
 
     Raises:
-        InputError: There is no such tier.
+        InputError: `tier` is another one.
     """
     if tier == "t0":
         system, plant = axis_plant(Path(folder) / "axis")
@@ -194,7 +194,7 @@ def mechanism_site(tier: str, folder: str | Path, split: str = "development") ->
     system = read_mechanism_model(arm_model(Path(folder) / "arm"))
     truth: Truth = BulletTruth(system) if tier == "t1" else MujocoTruth(system)
     plant = replace(arm_plant(system, _ARM["centre"], [_ARM["reach"]] * len(system.joints)), truth=truth)
-    # PyBullet has no inertia of rotors; the first axis is upright, so that an offset of its encoder changes nothing at all.
+    # PyBullet has no rotor inertia. The arm's first axis is upright, so that an offset of its encoder has no effect.
     missing = {"armature"} if tier == "t1" else set()
     odd = {name for family in UNKNOWN_OF.values() for name in family}
     names = [

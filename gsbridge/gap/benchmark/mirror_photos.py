@@ -1,8 +1,8 @@
-"""Photos of the mirror's wrist camera with faults of the camera or the light planted in them, for diagnoses against splats.
+"""Photos of the mirror's wrist camera with planted faults of the camera or the light, for diagnoses against splats.
 
-A world of the mirror, with all that its severity brings, is photographed on a first day. Later one thing more is wrong, in the
-formulations of `gsbridge.gap.benchmark.image_truth`: rays are bent, light is taken away or spread before the sensor counts it.
-The camera's gains follow the light as it was on the first day.
+A world of the mirror, with all deviations of its severity, is photographed on a first day. On a later day it has one more
+fault, in the formulations of `gsbridge.gap.benchmark.image_truth`, which bend rays, or remove or blur light before the sensor.
+The camera's gains stay as the light of the first day sets them.
 """
 
 from __future__ import annotations
@@ -43,24 +43,24 @@ SIZES: Mapping[str, tuple[float, float, bool]] = {
     "hue_cast": (0.3, 1.0, False),
     "shadow": (0.3, 0.8, False),
 }
-"""Faults that are planted: smallest and largest size, in the units of `TruthCamera`, and whether both signs are drawn. Written
-down before anything was tried: from what a person just sees in a photo to what a person calls broken."""
+"""Faults that are planted: smallest and largest size, in the units of `TruthCamera`, and whether both signs are drawn. The
+ranges were fixed before any trial, from what a person just sees in a photo to what a person calls broken."""
 
 MARGIN = 0.15
-"""Share of the picture that is traced beyond its edges, for lenses that show more."""
+"""Margin traced beyond the image's edges, as a share of its size, for lenses with a wider view."""
 
 _RAYS = 2
-"""Samples of each of a pixel's FINE x FINE parts."""
+"""Number of samples for each of the `FINE` x `FINE` parts of a pixel."""
 
 
 @dataclass(frozen=True)
 class PlantedFault:
-    """What is wrong on the later day.
+    """A fault on the later day.
 
     Args:
-        name: A name of `SIZES`; empty for nothing.
-        size: Size of what is wrong, in the unit of the effect.
-        spin: Direction, place and colour of what is wrong.
+        name: A name of `SIZES`; empty for no fault.
+        size: Size of the fault, in the units of `TruthCamera`.
+        spin: Direction, place and colour of the fault.
     """
 
     name: str
@@ -72,9 +72,9 @@ class PlantedFault:
         """Draw a fault.
 
         Args:
-            name: A name of `SIZES`, or "".
+            name: A name of `SIZES`; empty for no fault.
             seed: Seed of its size, sign, direction, place and colour.
-            middle: Where on the table the camera looks, m; a shadow falls near it.
+            middle: Point on the table at which the camera looks, m; a shadow falls near it. [2].
         """
         rng = np.random.default_rng([seed, sum(map(ord, name))])
         way, turn = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
@@ -93,13 +93,13 @@ class PlantedFault:
 
 @dataclass(frozen=True)
 class MirrorStudio:
-    """A world of the mirror that photographs chosen states.
+    """A world of the mirror in which chosen states are photographed.
 
     Args:
         world: The world.
-        hidden: Parameters of the world.
-        size: Edge of the photos, px.
-        body_from_true: From the true object's frame to that of the reconstructed one. [4, 4].
+        hidden: Hidden parameters of the world.
+        size: Edge length of the photos, px.
+        body_from_true: Transform from the frame of the true object to that of the reconstructed one. [4, 4].
     """
 
     world: MirrorWorld
@@ -113,10 +113,10 @@ class MirrorStudio:
 
         Args:
             setting: Object and background.
-            hidden: Parameters of the world.
-            size: Edge of the photos, px.
-            item: `asset.json` of the object, whose poses the states tell.
-            pieces: Folder that keeps convex pieces from run to run.
+            hidden: Hidden parameters of the world.
+            size: Edge length of the photos, px.
+            item: `asset.json` of the reconstructed object, to which the object poses of states refer.
+            pieces: Folder that caches convex pieces between runs.
         """
         body = np.eye(4)
         if setting.object is not None:
@@ -127,12 +127,12 @@ class MirrorStudio:
         return cls(world, hidden, size, body)
 
     def photos(self, states: Sequence[ViewState], faults: Sequence[PlantedFault], first: int) -> Array:
-        """Photos of every state with each fault. [P, N, S, S, 3] uint8.
+        """Take photos of every state with each fault. [P, N, S, S, 3] uint8.
 
         Args:
-            states: Arm and object.
-            faults: Faults.
-            first: Number of the first photo; each has noise of its own.
+            states: States of arm and object.
+            faults: Faults, one at a time.
+            first: Number of the first photo, which seeds the noise.
         """
         out = np.zeros((len(faults), len(states), self.size, self.size, 3), np.uint8)
         for n, state in enumerate(states):
@@ -145,7 +145,7 @@ class MirrorStudio:
         return out
 
     def _traced(self, pose: Array, number: int) -> Array:
-        """Linear light on a fine grid that is wider than the photo."""
+        """Trace the linear light on a fine grid that is wider than the photo."""
         return self.world.camera.light(self._wide(), pose, Quality(_RAYS, 2), number)
 
     def _wide(self) -> Camera:
@@ -154,7 +154,7 @@ class MirrorStudio:
         return camera.cropped(-pad, -pad, edge, edge).scaled(FINE)
 
     def _photo(self, fault: PlantedFault, plain: Array, pose: Array, number: int) -> Array:
-        """One photo with one fault. uint8 [S, S, 3]."""
+        """Take one photo with one fault. uint8 [S, S, 3]."""
         sizes = {fault.name: fault.size} if fault.name else {}
         camera, hidden = wrist_camera(self.size), self.hidden
         truth = TruthCamera(_NOTHING, camera, sizes, fault.spin)
@@ -164,7 +164,7 @@ class MirrorStudio:
         focal = (1.0 + sizes.get("focal", 0.0)) * (1.0 + hidden.focal_error)
         rays = truth.rays(focal, hidden.distortion + sizes.get("distortion", 0.0), 0.0)
         wide = self._wide()
-        # OpenCV counts pixels from their centres.
+        # OpenCV puts the centre of the first pixel at zero.
         columns, rows = (
             (focus * rays[:, k] + middle - 0.5).reshape(FINE * self.size, -1).astype(np.float32)
             for k, focus, middle in ((0, wide.fx, wide.cx), (1, wide.fy, wide.cy))
@@ -177,17 +177,17 @@ class MirrorStudio:
             light = light * truth.lamp(_on_table(rays, pose)).reshape(*light.shape[:2], 1)
         gathered = truth.gathered(light)
         electronics = Electronics(hidden, 0.05)
-        # The gains of the first day, whatever is wrong now.
+        # The gains follow the light without the fault, as on the first day.
         encoded = expose(gathered, hidden, np.random.default_rng([number, 2]), electronics.gains(usual)) / np.float32(255.0)
         return to_u8(truth.developed(encoded))
 
 
 def _on_table(rays: Array, cam_from_table: Array) -> Array:
-    """Places where rays of the camera meet the table, m. [R, 3] -> [R, 3]."""
+    """Return the points at which rays of the camera meet the table, m. [R, 3] -> [R, 3]."""
     turned = rays @ cam_from_table[:3, :3]
     centre = -cam_from_table[:3, :3].T @ cam_from_table[:3, 3]
     return np.asarray(centre + turned * (-centre[2] / np.minimum(turned[:, 2], -1e-6))[:, None])
 
 
 _NOTHING = ImageWorld.draw(0)
-"""The truth's world, which is not looked at here."""
+"""Placeholder for the world of `TruthCamera`, which is not used here."""

@@ -1,5 +1,7 @@
-"""Truths of any mechanism in MuJoCo, each effect by MuJoCo's own mechanism where it has one, at a sixteenth of the model's
-step: what an engine's step does is no part of what is hidden.
+"""Truths of any mechanism, simulated in MuJoCo.
+
+An effect uses MuJoCo's own mechanism if there is one. The step is a sixteenth of the model's, so that the error of the engine's
+step is negligible beside the hidden effects.
 
 Nothing here knows the effects of the diagnosis.
 """
@@ -29,29 +31,32 @@ STEP = 6.25e-5
 _EVERY = 16
 
 _PLAY = "_play"
-"""What the name of a joint between a motor and its link ends with."""
+"""Suffix of the name of a joint between a motor and its link."""
 
 _LIGHTEST = 1e-5
-"""Smallest inertia of a rotor that has play, kg m2."""
+"""Smallest inertia of a rotor with play or an elastic transmission, kg m2."""
 
 _SPRUNG = 2e-4
-"""Damping of an elastic transmission per stiffness, s."""
+"""Ratio of damping to stiffness of an elastic transmission, s."""
 
 _HARD = 0.9999
-"""Impedance of dry friction, the largest there is."""
+"""Impedance of dry friction, which is the largest that MuJoCo allows."""
 
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 def without_log_file() -> None:
-    """Take MuJoCo's warnings, which it otherwise writes to a file in the folder at hand. Whoever reads a model may undo it."""
+    """Send MuJoCo's warnings to the log instead of a file in the working directory.
+
+    Call it again after reading a model, which may reset the handler.
+    """
     mujoco.set_mju_user_warning(logger.debug)
 
 
 def has_diverged(data: mujoco.MjData) -> bool:
-    """Whether MuJoCo has put everything back to where it began since someone did so, because a step ran away.
+    """Whether MuJoCo has reset a diverged simulation since the last reset by the caller.
 
-    It goes on from there without an error; what it logs afterwards is no motion of anything.
+    MuJoCo goes on from the initial state without an error, so what it logs afterwards is meaningless.
     """
     return any(data.warning[kind].number for kind in _DIVERGED)
 
@@ -60,7 +65,7 @@ class MujocoTruth:
     """A mechanism under a sampled joint controller with gravity compensation.
 
     Args:
-        system: Description, gains and known losses; its effects are not looked at.
+        system: Model with description, gains and known losses; its effects are ignored.
     """
 
     def __init__(self, system: MechanismModel) -> None:
@@ -69,7 +74,7 @@ class MujocoTruth:
         self._brain = self._compile({})
 
     def _compile(self, hidden: Mapping[str, float]) -> mujoco.MjModel:
-        """A model with what MuJoCo itself can hide."""
+        """Compile a model with those hidden effects for which MuJoCo has a mechanism."""
         system = self.system
         with tempfile.TemporaryDirectory(prefix="gsbridge-gap-") as folder:
             path = Path(folder) / "skeleton.urdf"
@@ -99,7 +104,7 @@ class MujocoTruth:
             column = model.joint(name).dofadr[0]
             model.dof_damping[column] = system.viscous[k] + size_at(hidden, "viscous", name)
             model.dof_frictionloss[column] = system.coulomb[k] + size_at(hidden, "coulomb", name)
-            # As hard as MuJoCo has it: by default a light joint that dry friction should hold creeps by more than the noise.
+            # As hard as MuJoCo allows: by default, a light joint that dry friction should hold creeps by more than the noise.
             model.dof_solref[column], model.dof_solimp[column, :2] = (2 * STEP, 1.0), _HARD
             rotor = system.armature[k] + size_at(hidden, "armature", name)
             soft = size_at(hidden, "compliance", name)
@@ -119,14 +124,14 @@ class MujocoTruth:
                 limit = 1.0 / size_at(hidden, "saturation", name)
                 model.actuator_forcelimited[k], model.actuator_forcerange[k] = 1, (-limit, limit)
         if "base_tilt" in hidden:
-            # The base leans about its y axis: in its own frame, gravity leans the other way.
+            # The base is tilted about its y axis, so gravity is tilted the other way in its frame.
             turn, strength = hidden["base_tilt"], -system.gravity[2]
             model.opt.gravity[:] = [np.sin(turn) * strength, 0.0, -np.cos(turn) * strength]
         mujoco.mj_setConst(model, mujoco.MjData(model))
         return model
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
-        """Log of the mechanism when something is hidden in it, not a number from where it runs away; see `generate.Truth`."""
+        """Simulate the mechanism with hidden effects, and return its log; NaN after it diverges. See `generate.Truth`."""
         without_log_file()
         last = self._skeleton.child_of[self.system.joints[-1]]
         engine = _MujocoArm(self._compile(hidden), self._brain, self.system.joints, last)
@@ -134,18 +139,18 @@ class MujocoTruth:
 
 
 def _loosen(link: mujoco.MjsBody, motor: mujoco.MjsJoint, rotor: float, hidden: Mapping[str, float]) -> None:
-    """Put play or a spring between a motor and its link: a second joint on the same axis, the motor's rotor on the first.
+    """Add play or a spring between a motor and its link: a second joint on the same axis, with the rotor on the first.
 
     Args:
-        link: What the joint moves.
+        link: The link that the joint moves.
         motor: The joint, which becomes the motor's side.
         rotor: Inertia of the rotor, kg m2.
-        hidden: Sizes of what is hidden.
+        hidden: Sizes of the hidden effects.
     """
     gap, soft = size_at(hidden, "backlash", motor.name), size_at(hidden, "compliance", motor.name)
     if not gap and not soft:
         return
-    # Without a rotor of its own the motor's side would weigh nothing.
+    # The motor's side of the play needs an inertia of its own.
     motor.armature = max(rotor, _LIGHTEST)
     play = link.add_joint(name=f"{motor.name}{_PLAY}", type=motor.type, axis=motor.axis, pos=motor.pos)
     if gap:
@@ -154,7 +159,7 @@ def _loosen(link: mujoco.MjsBody, motor: mujoco.MjsJoint, rotor: float, hidden: 
 
 
 class _MujocoArm:
-    """An arm of MuJoCo in motion, and the nominal one that its controller believes in."""
+    """A simulated arm in MuJoCo, and the nominal arm that its controller uses as a model."""
 
     steps = _EVERY
 
@@ -163,7 +168,7 @@ class _MujocoArm:
         self._data, self._brain_data = mujoco.MjData(model), mujoco.MjData(brain)
         self._rows = [model.joint(name).qposadr[0] for name in joints]
         self._dofs = [model.joint(name).dofadr[0] for name in joints]
-        # The controller knows nothing of joints that something hidden has added.
+        # The nominal arm has its own indices, since hidden effects may add joints to the true one.
         self._own_rows = [brain.joint(name).qposadr[0] for name in joints]
         self._own_dofs = [brain.joint(name).dofadr[0] for name in joints]
         self.loose = model.njnt > brain.njnt
@@ -176,7 +181,7 @@ class _MujocoArm:
     def state(self) -> tuple[Array, Array]:
         if has_diverged(self._data):
             return np.full(len(self._rows), np.nan), np.full(len(self._dofs), np.nan)
-        # MuJoCo moves positions with the speed at the end of a step: they are half a step ahead of speeds and torques.
+        # MuJoCo moves positions with the speed at the end of a step, so they are half a step ahead of speeds and torques.
         v = self._data.qvel[self._dofs]
         return self._data.qpos[self._rows] - 0.5 * STEP * v, v
 

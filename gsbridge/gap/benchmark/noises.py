@@ -1,4 +1,4 @@
-"""Noise of the benchmark's sensors: white as the diagnosis expects it, and other kinds that it is not told of."""
+"""Noise of the benchmark's sensors: white noise, as the diagnosis expects, and kinds that it is not told about."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from scipy.signal import lfilter
 from gsbridge.geometry import Array
 
 NOISES = ("white", "coloured", "heavy", "understated", "quantised")
-"""Normal and white; filtered, so that neighbours are alike; with outliers (Student's t, five degrees); white, but stated too
-small by the case; rounded to steps of two standard deviations."""
+"""Kinds of noise: white normal noise; correlated between neighbouring samples; with outliers (Student's t with five degrees of
+freedom); white, but stated too small in the case file; rounded to steps of two standard deviations."""
 
 MEMORY = (0.4, 0.85)
 """Range of the correlation of neighbouring samples of coloured noise."""
 
 STATED = 1.0 / 1.5
-"""Share of the true noise that an understating case declares."""
+"""Stated share of the true noise in cases with understated noise."""
 
 
 def spoiled(clean: Array, sigma: Array, kind: str, rng: np.random.Generator) -> Array:
-    """Measurements with noise.
+    """Add noise to measurements.
 
     Args:
         clean: Values without noise. [T, N].

@@ -1,4 +1,4 @@
-"""Simpler ways of naming what changed between photos, on the same signatures and noise; see `baselines` for what they are."""
+"""Baselines for naming what changed between photos, on the same signatures and noise; `baselines` describes the methods."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gsbridge.geometry import Array
 
 
 def run_photo_baseline(method: str, pairs: Mapping[str, Pairs]) -> dict[str, Any]:
-    """Findings of a baseline, in the form of `findings.json` as far as it has any.
+    """Run a baseline on photos, and return its findings in the form of `findings.json`.
 
     Args:
         method: `largest_change`, `training_bic`, `cosine` or `sparse`.
@@ -47,7 +47,7 @@ def run_photo_baseline(method: str, pairs: Mapping[str, Pairs]) -> dict[str, Any
 
 
 def _bic(view: ImageResiduals, groups: Sequence[Group], residual: Array) -> Answer:
-    """The fit with the smallest BIC on the photos that it was fitted to."""
+    """Name the single effect whose fit has the smallest BIC on the fitted photos."""
     best, least = list[Applied](), float((residual.astype(np.float64) ** 2).sum())
     tried = [-least]
     for match in screen(groups, residual)[:FITTED]:
@@ -60,7 +60,7 @@ def _bic(view: ImageResiduals, groups: Sequence[Group], residual: Array) -> Answ
 
 
 class _SignatureTable:
-    """Signatures side by side, either way round where an effect has two."""
+    """Signatures as columns, and baselines that select among them; factors may be negative where an effect allows it."""
 
     def __init__(self, groups: Sequence[Group], residual: Array) -> None:
         rows = [
@@ -83,7 +83,7 @@ class _SignatureTable:
         return abs(values[name]) / parameter.typical
 
     def nearest(self) -> Answer:
-        """The signature that is most nearly parallel to the residual."""
+        """Name the effect whose signature has the largest cosine with the residual."""
         along = self.columns.T @ self.residual
         both = np.array([row[3] < 0 for row in self.rows])
         cosines = np.where(both, np.abs(along), along) / self.lengths
@@ -94,8 +94,7 @@ class _SignatureTable:
         return [self._applied(number, float(along[number] / self.lengths[number] ** 2))], ahead(np.array(list(best.values())))
 
     def largest(self) -> Answer:
-        """Fit for every amplitude the signature that explains most, all together, and keep the one that moved most in
-        typical sizes."""
+        """Fit the best signature of every amplitude together, and name the largest one in units of typical sizes."""
         gains = (self.columns.T @ self.residual / self.lengths) ** 2
         kept: dict[tuple[Candidate, str], int] = {}
         for k, (who, _, name, _, _) in enumerate(self.rows):
@@ -110,7 +109,7 @@ class _SignatureTable:
         return [self._applied(chosen[best], float(factors[best]))], ahead(moved)
 
     def few(self) -> Answer:
-        """Signatures taken one by one by what they explain beside the others, until BIC is against it."""
+        """Select signatures greedily (orthogonal matching pursuit) until BIC no longer improves."""
         left, chosen, factors = self.residual, list[int](), np.zeros(0)
         owners: list[Candidate] = []
         while True:

@@ -1,4 +1,4 @@
-"""Cases of photos as files: what a diagnosis gets, what is hidden from it, and how much of the gap its findings close."""
+"""Cases of photos: their files, the share of the gap that findings close on them, and images for the tables of the worlds."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ SAME = {
     "latency": "delay",
     "rolling_shutter": "row_time",
 }
-"""Effects whose hidden size is a parameter of the diagnosis, too, though by another formulation; of the others no interval is
-judged."""
+"""Effects whose hidden size is also a parameter of the diagnosis, in spite of another formulation, with that parameter. The
+intervals of other effects are not judged."""
 
 
 def write_photos(folder: Path, pairs: Mapping[str, Pairs]) -> dict[str, str]:
-    """Write the photos of a case. Returns the files' SHA-256 by role.
+    """Write the photos of a case, and return the files' SHA-256 by role.
 
     Args:
-        folder: Folder of the case, which exists already.
-        pairs: Photos by role, of 8 bits; `again` is a mean over some.
+        folder: Existing folder of the case.
+        pairs: Photos by role, with 8 bits; `again` is the mean of `repeats` such photos.
     """
     digests = {}
     for role, views in pairs.items():
@@ -70,7 +70,7 @@ def write_photos(folder: Path, pairs: Mapping[str, Pairs]) -> dict[str, str]:
 
 
 def _scales(repeats: int) -> dict[str, int]:
-    """Whole numbers per unit of brightness in which photos are stored: 8 bits, and a sum of such photos."""
+    """Return the integer scales in which photos are stored: 255 for 8 bits, and `repeats` times as much for their mean."""
     return {"before": 255, "again": 255 * repeats, "after": 255}
 
 
@@ -102,17 +102,17 @@ def _pairs(path: Path, camera: Camera, role: str) -> Pairs:
 
 
 def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Sequence[Applied]) -> tuple[float | None, float]:
-    """Share of the gap that effects close on `verify` against photos without noise, and what is left in units of the noise.
+    """Return the share of the gap to noise-free photos of `verify` that effects close, and what remains, in units of the noise.
 
-    As for motion: 1 - (after - floor) / (before - floor), the floor being the gap where nothing is hidden, which is that of the
-    noisy earlier photos themselves, and is no part of what is left. None where what is hidden leaves photos without noise as
-    they were: noise does.
+    As for motion, the share is 1 - (after - floor) / (before - floor). The floor is the gap with nothing hidden, which is due
+    to the noise of the earlier photos; it is not counted in what remains. The share is None if the hidden effects do not
+    change noise-free photos, as additional noise does not.
 
     Args:
         folder: Folder of the case.
-        clean: Photos of `verify` with what is hidden. [N, H, W, 3].
-        plain: The same photos with nothing hidden. [N, H, W, 3].
-        effects: Effects that were named.
+        clean: Noise-free photos of `verify` with the hidden effects. [N, H, W, 3].
+        plain: The same photos without the hidden effects. [N, H, W, 3].
+        effects: Named effects.
     """
     pairs = read_photos(folder)
     noise = learn_noise(list(pairs.values()))
@@ -127,16 +127,17 @@ def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Seque
 
 
 def contents_of(photos: Sequence[str | Path], renders: Sequence[str | Path], few: int = 4) -> tuple[tuple[Array, ...], ...]:
-    """Pictures that may lie on the tables of the worlds, in turn: none, photos, renders of splats. Where there are none of a
-    kind, its worlds are painted, and the others stay as they are.
+    """Read the sets of images that texture the tables of the worlds, which use them in turn: none, photos, renders of splats.
+
+    If a set is empty, its worlds have painted tables, and the other worlds stay as they are.
 
     Args:
         photos: Folders of photos.
         renders: Folders of renders.
-        few: Pictures taken from each folder.
+        few: Largest number of images taken from each folder.
 
     Raises:
-        InputError: A folder holds no picture.
+        InputError: A folder holds no image.
     """
     return (), tuple(_pictures(photos, few)), tuple(_pictures(renders, few))
 

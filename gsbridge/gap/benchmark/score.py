@@ -1,4 +1,4 @@
-"""Scoring findings against truths: rates with Wilson intervals, detection curves, calibration, and the confusion matrix."""
+"""Scores of findings against truths: rates with Wilson intervals, detection curves, calibration, and a confusion matrix."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from gsbridge.gap.benchmark.verdicts import OUTCOMES, JudgedCase, read_verdicts
 from gsbridge.statistics import wilson_interval
 
 LARGE = 5.0
-"""Smallest size of an effect, in the benchmark's units, from which naming counts."""
+"""Smallest size of an effect, in units of the detection limit, at which it must be named."""
 
 _SIZES = (0.0, 2.0, LARGE, 10.0, 50.0)
-"""Edges of the classes of sizes in which outcomes are counted, in the benchmark's units."""
+"""Lower edges of the classes of sizes in which outcomes are counted, in units of the detection limit."""
 
 _BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
-"""Edges of the stated probabilities of being best."""
+"""Edges of the bins of stated probabilities in the calibration."""
 
 
 def rate(successes: int, total: int) -> dict[str, Any]:
-    """A rate with count and interval; no value where nothing was counted."""
+    """Return a rate with its count and 95 % interval; its value is None if nothing was counted."""
     low, high = wilson_interval(successes, total) if total else (0.0, 1.0)
     return {"value": successes / total if total else None, "n": total, "ci95_low": low, "ci95_high": high}
 
@@ -35,10 +35,10 @@ def score_findings(
     """Score the findings of several methods on one tier.
 
     Args:
-        cases: Cases that `generate_cases` made.
-        truths: What they hide, from the same call.
+        cases: Folder of cases that `generate_cases` made.
+        truths: Folder of their truths, from the same call.
         findings: Folders of findings by method.
-        large: Smallest size of an effect, in the benchmark's units, from which naming counts.
+        large: Smallest size of an effect, in units of the detection limit, at which it must be named.
 
     Raises:
         InputError: A truth was changed, or a finding is missing.
@@ -50,11 +50,11 @@ def score_findings(
 
 
 def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any]:
-    """Figures of one method on one tier.
+    """Compute the scores of one method on one tier.
 
     Args:
-        verdicts: Verdicts of all cases.
-        large: Smallest size of an effect, in the benchmark's units, from which naming counts.
+        verdicts: Judged cases of the tier.
+        large: Smallest size of an effect, in units of the detection limit, at which it must be named.
     """
     cases = list(verdicts)
     hidden = [case for case in cases if case.hidden]
@@ -100,7 +100,7 @@ def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any
 
 
 def _class(units: float) -> float:
-    """Lower edge of the class of a size; seals and bodies have no two of one size."""
+    """Return the lower edge of a size's class: in sealed draws and with bodies, sizes vary from case to case."""
     return max(edge for edge in _SIZES if units >= edge)
 
 
@@ -113,7 +113,7 @@ def _quantile(values: Sequence[float], share: float) -> float | None:
 
 
 def _groups(cases: Sequence[JudgedCase], of: Callable[[JudgedCase], Any], title: str) -> list[dict[str, Any]]:
-    """Outcomes of the cases of each group, as rates."""
+    """Return the rates of outcomes in each group of cases."""
     out = []
     for value in sorted({of(case) for case in cases}):
         group = [case for case in cases if of(case) == value]
@@ -122,7 +122,7 @@ def _groups(cases: Sequence[JudgedCase], of: Callable[[JudgedCase], Any], title:
 
 
 def _parameters(cases: Sequence[JudgedCase]) -> list[dict[str, Any]]:
-    """How often 90 % intervals hold the truth, by effect and parameter, joints together."""
+    """Return how often 90 % intervals contain the true value, by effect and parameter, with all joints pooled."""
     found: dict[str, list[bool]] = {}
     for case in cases:
         for label, inside in case.parameters.items():
@@ -132,7 +132,7 @@ def _parameters(cases: Sequence[JudgedCase]) -> list[dict[str, Any]]:
 
 
 def _confusion(cases: Sequence[JudgedCase]) -> list[dict[str, Any]]:
-    """How often each answer was given to what was hidden; joints are left out, unless they were mistaken."""
+    """Count the pairs of hidden effects and answers. Joints are omitted; a right effect at a wrong joint is `elsewhere`."""
 
     def short(text: str) -> str:
         return " ".join(word.split(":")[0] for word in text.split(" "))
@@ -147,7 +147,7 @@ def _confusion(cases: Sequence[JudgedCase]) -> list[dict[str, Any]]:
 
 
 def _calibration(cases: Sequence[JudgedCase]) -> dict[str, Any]:
-    """Whether the stated probabilities of being best are right as often as they say."""
+    """Compare the stated probabilities of being best with how often they are right, and compute the Brier score."""
     said = np.array([case.chance for case in cases], dtype=np.float64)
     true = np.array([case.named in {case.hidden, *case.twins} for case in cases], dtype=np.float64)
     rows = []
@@ -160,10 +160,10 @@ def _calibration(cases: Sequence[JudgedCase]) -> dict[str, Any]:
 
 
 def _f1(cases: Sequence[JudgedCase]) -> dict[str, Any]:
-    """F1 over sets of effects; what is ambiguous among more than the same equation counts as not named."""
+    """Compute F1 over sets of effects; an ambiguous answer counts as no name, unless it is ambiguous only among twins."""
     said, hits = 0, 0
     for case in cases:
-        # Of explanations that are one equation, none can be asked to be singled out.
+        # An answer that is ambiguous only among the truth and its twins, which no data can tell apart, counts as the truth.
         named = case.hidden if case.outcome == "right" else case.named if case.verdict == "named" else frozenset()
         said, hits = said + len(named), hits + len(case.hidden & named)
     hidden = sum(len(case.hidden) for case in cases)
@@ -171,7 +171,7 @@ def _f1(cases: Sequence[JudgedCase]) -> dict[str, Any]:
 
 
 def _row(case: JudgedCase) -> dict[str, Any]:
-    """One line of the list of cases."""
+    """Return the entry of one case in the list of cases."""
     return {
         "key": case.key,
         "kind": case.kind,

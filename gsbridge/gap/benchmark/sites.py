@@ -1,4 +1,4 @@
-"""Where the cases of a tier come from: one mechanism, or several that the seeds of the courses choose from."""
+"""Mechanisms of a tier: a single one, or several from which the seed of a case's courses chooses."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from gsbridge.gap.benchmark.mechanisms import MechanismSite, mechanism_site
 
 
 class MechanismSites:
-    """Mechanisms of a tier; their models are written below a folder when they are first needed.
+    """Mechanisms of a tier; the model of each is written when it is first needed.
 
     Args:
-        tier: One of `gsbridge.gap.benchmark.case_plan.TIERS`, without photos and thrown bodies.
-        split: One of `gsbridge.gap.benchmark.case_plan.SPLITS`: what is in no catalogue differs between them.
-        folder: Gets the models.
+        tier: One of `gsbridge.gap.benchmark.case_plan.TIERS`, except those of photos and thrown bodies.
+        split: One of `gsbridge.gap.benchmark.case_plan.SPLITS`; the effects outside the catalogue depend on it.
+        folder: Folder in which models are written.
     """
 
     def __init__(self, tier: str, split: str, folder: Path) -> None:
@@ -29,16 +29,16 @@ class MechanismSites:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What may be hidden and is in the catalogue; of further machines without joints."""
+        """Effects of the catalogue that may be hidden; without joints in the tier of further machines."""
         return machines.EFFECTS if self._only is None else self._only.names
 
     @property
     def strange(self) -> tuple[str, ...]:
-        """What may be hidden and is not."""
+        """Effects outside the catalogue that may be hidden."""
         return tuple(machines.UNKNOWN_OF[self.split]) if self._only is None else self._only.strange
 
     def at(self, course_seed: int) -> MechanismSite:
-        """The mechanism that moves along the courses of a seed."""
+        """Return the mechanism that belongs to a seed of courses."""
         if self._only is not None:
             return self._only
         logging = machines.drawn_logging(course_seed)
@@ -49,7 +49,7 @@ class MechanismSites:
         return replace(self._machines[logging.machine], rate=logging.rate)
 
     def placed(self, order: PlannedCase) -> PlannedCase:
-        """A case of the mechanism that its courses belong to: joints for its effects, and how it is recorded."""
+        """Complete a case for its mechanism: choose joints for its effects, and set how it is recorded."""
         if self._only is not None:
             return order
         site, logging = self.at(order.course_seed), machines.drawn_logging(order.course_seed)
@@ -58,7 +58,7 @@ class MechanismSites:
         for effect in order.names:
             taken = {name.split(":")[0] for name in names}
             options = [name for name in pool if name.split(":")[0] == effect]
-            # What a machine cannot have gives way to something else that it can.
+            # Replace an effect that the machine cannot have.
             options = options or [name for name in pool if name.split(":")[0] not in {*taken, *order.names}]
             names.append(str(rng.choice(options)))
         return replace(order, names=tuple(sorted(names)), channels=logging.channels, duration=logging.duration)

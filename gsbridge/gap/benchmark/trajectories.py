@@ -1,4 +1,4 @@
-"""Commands of the benchmark, as functions of time: different excitation for fitting, selecting and verifying."""
+"""Commands of the benchmark as functions of time, with different excitation for fitting, selecting and verifying."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from gsbridge.geometry import Array
 
 Course = Callable[[float], Array]
-"""Time in s -> commanded positions [N]."""
+"""Function of time, s, that returns commanded positions, rad or m. [N]."""
 
 KINDS = {"fit": "multisine", "select": "steps", "verify": "chirp"}
-"""Excitation of each record."""
+"""Kind of excitation of each role's record."""
 
 
 def course(kind: str, centre: Array, reach: Array, duration: float, rng: np.random.Generator) -> Course:
-    """A random course.
+    """Draw a random course.
 
     Args:
         kind: `multisine`, `steps` (smooth, between random postures) or `chirp`.
-        centre: Middle posture, where it begins at rest, rad or m. [N].
-        reach: Largest distance of each joint from it, rad or m. [N].
+        centre: Middle posture, where the course starts at rest, rad or m. [N].
+        reach: Largest distance of each joint from the middle posture, rad or m. [N].
         duration: Length of the course, s.
         rng: Random numbers for phases, postures and frequencies.
     """
@@ -61,6 +61,6 @@ def course(kind: str, centre: Array, reach: Array, duration: float, rng: np.rand
 
 
 def _fade(time: float) -> float:
-    """Smooth begin from rest."""
+    """Return a factor that rises smoothly from 0 to 1 in the first 0.5 s, so that courses start at rest."""
     share = min(time / 0.5, 1.0)
     return share**3 * (10 - 15 * share + 6 * share**2)

@@ -1,4 +1,4 @@
-"""Pairing findings with their truths, once the truths' seals are checked, and what each pair amounts to."""
+"""Comparison of findings with their truths, after a check of the truths' seals."""
 
 from __future__ import annotations
 
@@ -24,17 +24,19 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_alarm")
-"""Named as hidden, or ambiguous among nothing but what is the same equation; ambiguous with the truth inside; nothing named
-although something was hidden and seen; taken for no discrepancy; another name, or a set without the truth; silent, or not,
-where nothing was hidden."""
+"""Outcomes of a case.
+
+If something was hidden: `right` (named, or ambiguous only among the truth and its twins), `covered` (ambiguous, with the truth
+among the explanations), `abstained` (a discrepancy was seen but nothing named), `missed` (no discrepancy was seen) and `wrong`
+(another name, or an ambiguous set without the truth). If nothing was hidden: `quiet` or `false_alarm`."""
 
 _GUESSED, _OPEN, _NAMED = 0.0, 1.0, 2.0
-"""What an account, something ambiguous, and something named begin with in the order of how sure this package is of them."""
+"""Offsets of sureness that rank this package's guesses: from an account, from an ambiguous verdict, and from a name."""
 
 _EFFECTS = {**JOINT_EFFECTS, **BODY_EFFECTS}
 
 _SHOWS = {"base_tilt": "about_y"}
-"""Parameter that the truth's size stands for, where it is not the first."""
+"""The parameter to which a truth's size refers, for effects where it is not the first one."""
 
 
 @dataclass(frozen=True)
@@ -42,29 +44,29 @@ class JudgedCase:
     """One diagnosed case.
 
     Args:
-        hidden: Names of what was hidden, with joints where the mechanism has several.
-        units: Size of what is hidden, in units of the detection limit.
-        verdict: Word of `gsbridge.gap.diagnosis.results.VERDICTS`.
-        named: Names of the best explanation.
-        sets: Names of each explanation that the data cannot decide between.
-        simulations: Simulations after the bank of signatures was made.
-        bank: Simulations that the bank of signatures took.
-        seconds: Time that the diagnosis took, s.
-        closure: Share of the gap that the named effects close on `verify`, against what would have been measured without noise:
-            1 - (after - floor) / (before - floor), where the floor is the gap to a truth with nothing hidden, which is the
-            engines' own. None where nothing was named.
-        left: What they leave there, in units of the noise.
-        covers: Whether 90 % intervals hold the true parameters, one by one, of each named effect.
-        parameters: Whether they do, by the name of the effect and the parameter.
-        chance: Probability that the first explanation is the best, as stated; None without any.
+        hidden: Names of the hidden effects, with joints if the mechanism has several.
+        units: Size of each hidden effect, in units of the detection limit.
+        verdict: One of `gsbridge.gap.diagnosis.results.VERDICTS`.
+        named: Names of the effects in the best explanation.
+        sets: Names of the effects in each explanation between which the data cannot decide.
+        simulations: Number of simulations, apart from those for the bank of signatures.
+        bank: Number of simulations for the bank of signatures.
+        seconds: Duration of the diagnosis, s.
+        closure: Share of the gap on the noise-free record `verify` that the named effects close,
+            1 - (after - floor) / (before - floor). The floor is the gap to a truth with nothing hidden, which is due to the
+            difference between the engines. None if nothing was named.
+        left: Residual on `verify` with the named effects, in units of the noise.
+        covers: Whether the 90 % interval contains the true value, for each compared parameter of the named effects.
+        parameters: The same, by the names of effect and parameter.
+        chance: Stated probability that the first explanation is the best; None without an explanation.
         key: Key of the case.
         kind: Kind of the case.
-        known: Whether what is hidden is in the catalogue.
-        twins: Explanations that are the same equation as the truth.
-        sureness: How sure the method is of its guess, by each measure that it has; larger is surer. Empty without a guess.
-        decides: Whether the method always singles one explanation out: what is the same equation as the truth is right then.
-        guess: What it would say were it not to abstain: what it names; else the likeliest explanation; else its account.
-        likely: Whether it names nothing and calls what explains most likely.
+        known: Whether the hidden effects are in the catalogue.
+        twins: Sets of effects with the same equation as the hidden ones, which no data can tell apart.
+        sureness: How sure the method is of its guess, by measure; larger is surer. Empty without a guess.
+        decides: Whether the method always names a single explanation; one of the twins is then right as well.
+        guess: The answer if the method did not abstain: the named effects, else the likeliest explanation, else the account.
+        likely: Whether the method names nothing but calls its explanation likely.
     """
 
     hidden: frozenset[str]
@@ -91,12 +93,12 @@ class JudgedCase:
 
     @property
     def guessed_right(self) -> bool:
-        """Whether the guess is what was hidden, or the same equation; where the catalogue lacks it, no guess is right."""
+        """Whether the guess is what was hidden or a twin of it; never if what was hidden is not in the catalogue."""
         return bool(self.guess) and self.known and self.guess in {self.hidden, *self.twins}
 
     @property
     def outcome(self) -> str:
-        """The outcome, one of `OUTCOMES`. Where the catalogue lacks what is hidden, only abstaining is right."""
+        """The outcome, one of `OUTCOMES`. If what was hidden is not in the catalogue, every name is `wrong`."""
         silent = self.verdict in SILENT
         if not self.hidden:
             return "quiet" if silent else "false_alarm"
@@ -124,12 +126,12 @@ class JudgedCase:
 
 
 def read_verdicts(cases: str | Path, truths: str | Path, folders: Sequence[str | Path]) -> list[JudgedCase]:
-    """Findings of one method with their truths.
+    """Read the findings of one method and compare them with their truths.
 
     Args:
-        cases: Cases that `generate_cases` made.
-        truths: What they hide, from the same call.
-        folders: Findings, in one folder or several.
+        cases: Folder of cases that `generate_cases` made.
+        truths: Folder of their truths, from the same call.
+        folders: Folders that together hold the findings.
 
     Raises:
         InputError: A truth or a record was changed, or a finding is missing.
@@ -148,10 +150,10 @@ def read_verdicts(cases: str | Path, truths: str | Path, folders: Sequence[str |
 
 
 def _sealed(truths: Path, key: str, digest: str) -> dict[str, Any]:
-    """A truth that is what it was before any diagnosis.
+    """Read a truth after checking its seal.
 
     Raises:
-        InputError: It is not.
+        InputError: The truth or its noise-free record was changed after the case was made.
     """
     path, clean = truths / f"{key}.json", truths / f"{key}.npz"
     truth = read_json(path)
@@ -163,7 +165,7 @@ def _sealed(truths: Path, key: str, digest: str) -> dict[str, Any]:
 
 
 def _name(effect: Mapping[str, Any], single: bool) -> str:
-    """Name of an effect as truths give it: without the joint where there is only one."""
+    """Return an effect's name as truths write it: without the joint if there is only one joint."""
     return effect["name"] if single or not effect.get("joint") else f"{effect['name']}:{effect['joint']}"
 
 
@@ -197,10 +199,10 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
 
 
 def _guess(finding: Mapping[str, Any], short: Callable[[str], str]) -> tuple[Mapping[str, float], frozenset[str]]:
-    """How sure a method is, and of what.
+    """Return how sure a method is of its guess, and the guess.
 
-    Other methods state how sure they are. This package's own ranks what it names by the probability of being best, then what
-    is ambiguous, then what it names nothing of but gives an account of, by the share that the account explains.
+    Baselines state how sure they are. The findings of this package are ranked in three groups: named, then ambiguous, both by
+    the probability of being best; then abstentions with an account, by the share that the account explains.
     """
     verdict, account = finding["verdict"], finding.get("account") or {}
     named = frozenset(short(_label(effect)) for effect in finding["effects"])
@@ -219,19 +221,19 @@ def _guess(finding: Mapping[str, Any], short: Callable[[str], str]) -> tuple[Map
 
 
 def _label(effect: Mapping[str, Any]) -> str:
-    """Name of an effect with its joint, as accounts and rivals have it."""
+    """Return an effect's name with its joint, as accounts and rivals write it."""
     return f"{effect['name']}:{effect['joint']}" if effect.get("joint") else str(effect["name"])
 
 
 def _covers(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, bool]:
-    """Whether 90 % intervals hold the true parameters, by effect and parameter, where the effect is what was hidden."""
+    """Return whether 90 % intervals contain the true values, by effect and parameter, for named effects that were hidden."""
     single, photos, out = truth["plant"] == "axis", truth["plant"] == "camera", {}
     for effect in finding["effects"]:
         name = _name(effect, single)
         if name not in truth["hidden"] or (photos and name not in SAME):
             continue
         shown = SAME[name] if photos else _SHOWS.get(effect["name"], _EFFECTS[effect["name"]].parameters[0].name)
-        # Bodies state all parameters that can be compared, and none where the law is another than the catalogue's.
+        # Truths of bodies list all comparable parameters; there are none if the hidden law is not the catalogue's.
         told = truth.get("parameters", {}).get(name, {})
         true = told or ({} if truth["plant"] == BODY else {shown: truth["hidden"][name]})
         for parameter, value in true.items():
@@ -244,7 +246,7 @@ def _covers(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, b
 def _closed(
     verdict: JudgedCase, finding: Mapping[str, Any], truth: Mapping[str, Any], folder: Path, truths: Path
 ) -> JudgedCase:
-    """The verdict with the share of the gap that the named effects close; see `JudgedCase.closure`."""
+    """Add the share of the gap that the named effects close; see `JudgedCase.closure`."""
     if verdict.verdict != "named" or not verdict.hidden:
         return verdict
     if truth["plant"] == BODY:
@@ -271,6 +273,6 @@ def _closed(
 
 
 def _applied(finding: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Named effects with plain numbers as parameters."""
+    """Return the named effects with plain numbers as parameters."""
     rows = finding["effects"]
     return [{**row, "parameters": {name: item["value"] for name, item in row["parameters"].items()}} for row in rows]
