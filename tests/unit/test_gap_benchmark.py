@@ -22,6 +22,7 @@ from gsbridge.gap.benchmark.campaign import case_keys, diagnose_cases
 from gsbridge.gap.benchmark.case_plan import BODIES, MACHINES, SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
 from gsbridge.gap.benchmark.drawing import _drawn, generate_cases
 from gsbridge.gap.benchmark.generate import BenchmarkMechanism, NotShownError, _joined, draw_case, size_of_units
+from gsbridge.gap.benchmark.hidden_parts import Commands
 from gsbridge.gap.benchmark.images import draw_image_case
 from gsbridge.gap.benchmark.images import image_site as photo_site
 from gsbridge.gap.benchmark.mechanisms import MechanismSite, axis_plant, mechanism_site
@@ -109,6 +110,27 @@ def test_a_lag_is_the_filters_exact_answer(tmp_path):
     plain = [truth(wanted, 1.0, times, {})["position"] for truth in (run_axis, MujocoTruth(system))]
     changes = [a - b for a, b in zip(moved, plain, strict=True)]
     assert np.abs(changes[0] - changes[1]).max() < 0.01 * np.abs(changes[0]).max()
+
+
+def test_what_delays_filters_and_limits_commands_adds_up(tmp_path):
+    """Two of them hidden together once left one out, though the truth listed both."""
+    wanted, times = axis_course()
+    late, limit = {"command_delay": 0.03}, {"rate_limit": 2.0}
+    system, _ = axis_plant(tmp_path)
+    for truth in (run_axis, MujocoTruth(system)):
+        both = truth(wanted, 1.0, times, {"lag": 0.01, **late})["position"]
+        other = truth(lambda time: wanted(max(time - 0.03, 0.0)), 1.0, times, {"lag": 0.01})["position"]
+        np.testing.assert_allclose(both, other, atol=1e-4)
+        assert np.abs(both - truth(wanted, 1.0, times, {"lag": 0.01})["position"]).max() > 5e-3
+    # A ramp of 1 rad/s behind a filter, through a limit of 0.5 rad/s; the filter itself trails by its time constant.
+    ramp, hidden = np.arange(200) * 1e-3, {"lag": 0.01, **limit}
+    made = Commands(system, hidden, np.zeros(1), 1e-3)
+    sent = np.array([made(np.array([value]))[0] for value in ramp])
+    filtered = ramp - 0.01 * (1.0 - np.exp(-ramp / 0.01))
+    # Below half of its final speed the filter is slower than the limit.
+    free = ramp < 0.01 * np.log(2.0)
+    np.testing.assert_allclose(sent[free], filtered[free], atol=1e-9)
+    np.testing.assert_allclose(np.diff(sent)[20:], 0.5e-3, atol=1e-12)
 
 
 def test_dry_friction_holds_in_the_engines_without_creeping(tmp_path):

@@ -64,9 +64,10 @@ def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str,
     if "saturation" in hidden:
         p[16] = 1.0 / hidden["saturation"]
     grid = np.arange(int(np.ceil(duration * 1000)) + 200) * 1e-3
-    wanted = np.array([course(max(t - hidden.get("command_delay", 0.0), 0.0))[0] for t in grid])
+    dead = hidden.get("command_delay", 0.0)
+    wanted = np.array([course(max(t - dead, 0.0))[0] for t in grid])
     if "lag" in hidden:
-        wanted = _slow(np.array([course(t)[0] for t in np.arange(len(grid) * 10) * 1e-4]), hidden["lag"])
+        wanted = _slow(np.array([course(max(t - dead, 0.0))[0] for t in np.arange(len(grid) * 10) * 1e-4]), hidden["lag"])
     out = np.empty((3, len(grid)))
     # The axis starts at rest, where its encoder measures the first command.
     march(wanted, p, (float(wanted[0]) - p[13]) / (1.0 + p[14]), out)

@@ -219,7 +219,7 @@ class Commands:
         self.dead, self._slow, self._period = hidden.get("command_delay", 0.0), hidden.get("lag", 0.0), period
         slowness = _Sizes(system, hidden)("rate_limit")
         self._most = np.where(slowness > 0, period / np.where(slowness > 0, slowness, 1.0), np.inf)
-        self._sent, self._wanted = first, first
+        self._sent, self._filtered, self._wanted = first, first, first
 
     def __call__(self, command: Array) -> Array:
         """Return the command that reaches the controller. [N] -> [N]."""
@@ -228,9 +228,11 @@ class Commands:
             # Exact response of the first-order filter to a ramp from the last command to this one: the output trails by the
             # ramp's rise in one time constant, plus the decaying remainder of the last difference.
             behind = (command - before) * (self._slow / self._period)
-            self._wanted = command - behind + (self._wanted - before + behind) * np.exp(-self._period / self._slow)
+            self._filtered = command - behind + (self._filtered - before + behind) * np.exp(-self._period / self._slow)
         else:
-            self._wanted = self._wanted + np.clip(command - self._wanted, -self._most, self._most)
+            self._filtered = command
+        # What limits the rate comes behind the filter.
+        self._wanted = self._wanted + np.clip(self._filtered - self._wanted, -self._most, self._most)
         return self._wanted
 
 

@@ -53,6 +53,7 @@ class Rules:
         several: The same for several effects, on `select` or on `verify`: enough of them mimic a law that is missing.
         deviations: Standard deviations by which a gain on `select` must exceed chance, also under coloured noise.
         most: Largest number of effects in an explanation, outside an account.
+        draws: Number of draws of the block bootstrap.
         budget: Largest number of simulations of one diagnosis, without the bank and the account.
         larger: Factor by which what each of several effects explains must exceed what remains: an effect smaller than the
             model's own error is not named.
@@ -73,6 +74,7 @@ class Rules:
     several: float = 0.95
     deviations: float = 3.0
     most: int = 3
+    draws: int = 500
     budget: int = 90
     larger: float = 3.0
     least: float = 0.01
