@@ -1,1 +1,1 @@
-"""The gap of driven joints: from logs and a model of a mechanism to the effects that the model lacks."""
+"""Gap diagnosis for driven joints: find, from logs and a model of a mechanism, the effects that the model lacks."""

@@ -39,28 +39,28 @@ from gsbridge.reading import refusing
 _KEYS = ("model", "records", "repeats", "columns", "units", "torque_per_ampere", "noise", "tolerance", "effects")
 
 _BLOCK = 16
-"""Samples over which repeats of a motion are averaged: what is left of their difference then is slower than the noise."""
+"""Samples per block over which the difference of two repeats is averaged; it keeps what changes more slowly than noise."""
 
 _COMMANDED_ALIKE = 1e-6
-"""Distance of commands, rad, up to which two records are repeats of one motion."""
+"""Largest difference of two records' commands, rad, at which they count as repeats of one motion."""
 
 _LIGHT = 0.02
-"""Share of a mechanism's mass below which nobody misses what stands still."""
+"""Share of a mechanism's mass up to which a part that wrongly stands still in the model needs no warning."""
 
 _HELD = 0.05
 """Distance from zero, rad or m, up to which a joint counts as held there."""
 
 _LARGEST = {"position": 1.0, "velocity": 100.0, "effort": 1e4, TOOL: 1.0}
-"""Largest noise and tolerance that are believed, SI, by kind of column: with more, nothing would ever be a gap."""
+"""Largest noise and tolerance that a case may state, SI units, by kind of column: with more, nothing would count as a gap."""
 
 _FINEST = 1e-12
-"""Smallest noise that is believed, SI: sensors are many orders coarser, and residuals are divided by it."""
+"""Smallest noise that a case may state, SI units. Sensors are many orders coarser, and residuals are divided by the noise."""
 
 _LARGEST_GAIN = 1e6
-"""Largest torque per ampere, N m/A or N/A, and the inverse of the smallest."""
+"""Largest size of a torque per ampere, N m/A or N/A; its inverse is the smallest."""
 
 _SPARSE = 100.0
-"""Samples per second below which a record is marked: fast effects hide between them."""
+"""Samples per second below which a warning is given: fast effects happen between the samples."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class JointCase:
         model: The model file.
         system: Content of the model's file.
         records: Records by role.
-        names: Effects that may be the reason; None for all.
-        reasons: Why its result is degraded.
+        names: Effects that may be the cause; None for all.
+        reasons: Reasons why the result is degraded, in words.
     """
 
     model: Path
@@ -175,13 +175,13 @@ def _joint_case(path: Path) -> JointCase:
 
 
 def _still(system: MechanismModel) -> list[str]:
-    """Which parts ought to move with a joint of the model and stand still in it. Sentences."""
+    """Warn, in words, of heavy parts that follow a joint in the URDF but stand still in the model."""
     description = read_mechanism_description(system.urdf)
     carried, moving = {description.base: ""}, set(system.joints)
     masses = dict.fromkeys((joint.name for joint in description.joints), 0.0)
     while more := {joint.name for joint in description.joints if joint.follows in moving} - moving:
         moving |= more
-    # Parents come first: a link belongs to the last moving joint above it.
+    # The joints are listed parents first, so that each link is counted to the last moving joint above it.
     for joint in description.joints:
         carried[joint.child] = joint.name if joint.name in moving else carried[joint.parent]
         if carried[joint.child] and joint.child in description.inertials:
@@ -196,7 +196,7 @@ def _still(system: MechanismModel) -> list[str]:
 
 
 def _held(system: MechanismModel) -> dict[str, bool]:
-    """Moving joints that the model holds, since it does not name them, and whether they slide."""
+    """Find the movable joints that the model does not name and so holds at zero; each maps to whether it slides."""
     joints = read_mechanism_description(system.urdf).joints
     return {
         joint.name: joint.kind == "prismatic"
@@ -206,15 +206,15 @@ def _held(system: MechanismModel) -> dict[str, bool]:
 
 
 def _check_sections(content: Mapping[str, Any], path: Path, joints: Collection[str]) -> None:
-    """Check what a case says of columns, units, noise and tolerance, by kind of column or by column.
+    """Check the sections `columns`, `units`, `noise` and `tolerance` of a case.
 
     Args:
         content: Content of the case.
-        path: Its file.
-        joints: All moving joints of the mechanism.
+        path: File of the case, for messages.
+        joints: All movable joints of the mechanism.
 
     Raises:
-        InputError: A section is none, or a key in it is no column of a log.
+        InputError: A section is no mapping, a key is no column or kind of column, or a column's name or unit is no text.
     """
     columns = {
         "time",
@@ -244,7 +244,7 @@ def _check_sections(content: Mapping[str, Any], path: Path, joints: Collection[s
 
 
 def _read(file: Path, layout: Layout, system: MechanismModel, content: Mapping[str, Any]) -> tuple[Record, str, float | None]:
-    """A record of a case, what was left out of it, and by how much its stamps scattered about a steady clock, s."""
+    """Read a record; also return what was left out, in words, and the scatter of its stamps about a steady clock, s."""
     record, broken = _check(read_log(file, layout), system, file, content), ""
     if system.controller.mode != "free":
         record, broken = unbroken(record, file)
@@ -253,7 +253,7 @@ def _read(file: Path, layout: Layout, system: MechanismModel, content: Mapping[s
 
 
 def _repeated(records: Mapping[str, Record]) -> list[str]:
-    """A reason for each record that stands in a second role: it would be judged on what it was fitted to."""
+    """Give a warning for each record that has two roles: effects would be judged on the data that they were fitted to."""
     known: dict[bytes, str] = {}
     out = []
     for role, record in records.items():
@@ -265,11 +265,12 @@ def _repeated(records: Mapping[str, Record]) -> list[str]:
 
 
 def _gains(stated: Any, joints: tuple[str, ...], source: Path) -> dict[str, float]:
-    """Torque per ampere of each joint that has one: as a number for all, a list in the joints' order, or by joint's name.
+    """Read the torque per ampere of each joint that has one; a negative gain turns the sign of the current.
+
+    A case states one number for all joints, a list in the joints' order, or a mapping by joint.
 
     Raises:
-        InputError: It is none of these, a joint is unknown, or a gain is no number, or beyond any motor's. Those below zero
-            turn the sign of a current.
+        InputError: The value is none of these, a joint is unknown, or a gain is no number or far from that of any motor.
     """
     if stated is None:
         return {}
@@ -289,10 +290,10 @@ def _gains(stated: Any, joints: tuple[str, ...], source: Path) -> dict[str, floa
 
 
 def _check(record: Record, system: MechanismModel, source: Path, content: Mapping[str, Any]) -> Record:
-    """A record that fits its mechanism, with the noise and the tolerance that its case states.
+    """Check that a record fits its mechanism, and add the noise and the tolerance that the case states.
 
     Raises:
-        InputError: Commands are missing, or angles are degrees.
+        InputError: Commands, positions or the tool's link are missing, angles are in degrees, or a stated size is no use.
     """
     if system.controller.mode != "free" and "command" not in record.commands:
         record_needs = "torques" if system.controller.mode == "torque" else "commanded positions"
@@ -302,7 +303,7 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
             f"Mode {system.controller.mode} needs them",
         )
     if TOOL in record.measured and not system.tool and "position" in record.measured:
-        # A log may hold more than a model asks for.
+        # The log holds more than the model needs.
         record = _without(record, TOOL)
     if TOOL in record.measured and not system.tool:
         raise InputError(source, "it has columns 'tool.x', but the model does not say which link that is", "Add 'tool: LINK'")
@@ -325,17 +326,17 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
 
 
 def _without(record: Record, kind: str) -> Record:
-    """A record without measurements of a kind, and without what is said of them."""
+    """Drop one kind of measurement from a record, with its quantum, noise and tolerance."""
     parts = (record.measured, record.quantum, record.sigma, record.tolerance)
     kept = [{name: values for name, values in part.items() if name != kind} for part in parts]
     return replace(record, measured=kept[0], quantum=kept[1], sigma=kept[2], tolerance=kept[3])
 
 
 def _scatter(record: Record, again: Record, source: Path) -> dict[str, Array]:
-    """Difference of two records of one motion beyond the noise, per record, by kind of channel. Each [N].
+    """Estimate how far repeats of one motion differ beyond the noise: deviation per record, by kind of channel. Each [N].
 
     Raises:
-        InputError: They are not of one motion.
+        InputError: The two records have different commands or are too short.
     """
     rows = min(len(record.time), len(again.time))
     sent = [item.commands.get("command", np.zeros((rows, 1)))[:rows] for item in (record, again)]
@@ -352,17 +353,17 @@ def _scatter(record: Record, again: Record, source: Path) -> dict[str, Array]:
 
 
 def _per_column(key: str, value: float | list[float], count: int, low: float, source: Path) -> Array:
-    """A stated size for every joint. [N].
+    """Spread a stated noise or tolerance over the columns of its kind. [N].
 
     Args:
         key: `noise.KIND` or `tolerance.KIND`.
-        value: Content of the case.
+        value: Stated value, SI units: one number for all columns, or a list.
         count: Number of columns.
-        low: Smallest size.
+        low: Smallest size that is allowed.
         source: File, for messages.
 
     Raises:
-        InputError: It is no number between `low` and what is believed of its kind, nor one per joint.
+        InputError: A number lies outside `low` to the largest size for the kind, or the list has another length.
     """
     values = value if isinstance(value, list) else [value] * count
     if len(values) != count:
@@ -372,7 +373,7 @@ def _per_column(key: str, value: float | list[float], count: int, low: float, so
 
 
 def split_records(records: Mapping[str, Record], source: str | Path) -> tuple[dict[str, Record], tuple[str, ...]]:
-    """Three roles from fewer records, cut by time, which is marked.
+    """Cut a record by time where fewer than three were given; also return a warning about that, in words.
 
     Raises:
         InputError: A part would be too short.

@@ -1,4 +1,4 @@
-"""From a mechanism and three records to a diagnosis: compare, screen, identify, verify."""
+"""The diagnosis of a mechanism from three records: compare, screen, identify, verify."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ logger = logging.getLogger("gsbridge")
 
 
 _FAR = 50.0
-"""Gap, in units of the noise, from which on the noise itself is doubted."""
+"""Gap, in units of the noise, above which the estimate of the noise itself is doubted."""
 
 
 _BARELY = 1.02
-"""Gap on `verify`, in units of the noise, below which it is no more than noise."""
+"""Gap on `verify`, in units of the noise, below which it counts as noise alone."""
 
 _LOUD = 2.0
-"""What is left and no motion, in units of the noise that neighbouring samples show, from which on that noise is doubted."""
+"""Residual that is not motion above which the noise estimate is doubted, in units of the noise between neighbouring samples."""
 
 _COLOURED = (
     "The noise remembers itself for up to {memory:.0f} ms, as that of a filter in a sensor does, and exceeds what neighbouring "
@@ -68,16 +68,16 @@ _COLOURED = (
 
 
 class JointAccount(Account):
-    """Puts findings about a mechanism into words and figures."""
+    """Turns findings about a mechanism into sentences and figures."""
 
     effects = JOINT_EFFECTS
 
     def effects_of(self, fit: EffectFit) -> list[Effect]:
-        """Effects as they act at their joints, which turn or slide."""
+        """Return the effects as they act at their joints, which turn or slide."""
         return [candidate.effect for candidate in fit.who]
 
     def doubts(self, diagnosis: Diagnosis) -> tuple[str, ...]:
-        """Why a finding is less than an answer, beside what is known of the measurements."""
+        """List the reasons why a finding is uncertain, apart from those that concern the measurements."""
         finding, further = diagnosis.finding, super().doubts(diagnosis)
         if diagnosis.left_out and not further:
             further = (touches_told(diagnosis.left_out),)
@@ -100,15 +100,15 @@ def diagnose_joints(
     rules: Rules | None = None,
     seed: int = 0,
 ) -> Diagnosis:
-    """Find out what the model of a mechanism lacks.
+    """Find out which effects the model of a mechanism lacks.
 
     Args:
-        system: The mechanism.
+        system: Model of the mechanism.
         records: Records by role: `fit`, `select`, `verify`.
-        bank_folder: Keeps signatures from run to run.
-        names: Effects that may be the reason; None for the whole catalogue.
+        bank_folder: Folder that keeps signatures from run to run.
+        names: Effects that may be the cause; None for the whole catalogue.
         rules: Thresholds.
-        seed: Seed of replicates.
+        seed: Seed of the replicates of the noise.
     """
     begin = time.perf_counter()
     mechanism = Mechanism(system)
@@ -121,7 +121,7 @@ def diagnose_joints(
     left_out = leave_out_touches(views, bank)
     search = JointIdentification(first, second, bank, who, rules, seed, views["verify"])
     seen = tuple(views.values())
-    # Beside one effect, a filter's noise is known as such before sets of effects are fitted that mimic it.
+    # Ask after single effects whether the residual is noise of a filter; sets of effects could be fitted to such noise.
     finding = search.run(lambda trial: _filtered(seen, trial.fit.effects, search.rules, seed) is not None)
     if alone := bool(left_out) and finding.verdict in SILENT:
         finding = finding.refuted()
@@ -134,7 +134,7 @@ def diagnose_joints(
             search, finding = _with_other_noise(search, bank, seen, finding.best.fit.effects, seed) or (search, finding)
     diagnosis = _diagnosis(search, finding, bank, views, made, seed)
     if diagnosis.finding.verdict == "none_of_the_known" and diagnosis.account is not None and second.colour is None:
-        # Several effects leave their noise to the account alone.
+        # With several missing effects, only the account explains all of them and so leaves the noise alone.
         found = _with_other_noise(search, bank, seen, diagnosis.account.effects, seed)
         if found is not None:
             account_runs = diagnosis.account_runs
@@ -154,25 +154,25 @@ def _diagnosis(
     made: int,
     seed: int,
 ) -> Diagnosis:
-    """What was found, verified and taken account of.
+    """Verify a finding on the third record and take account of the whole gap.
 
     Args:
-        search: The search.
-        finding: What it found.
+        search: The search that made the finding.
+        finding: Finding of the search.
         bank: Signatures.
         views: Residuals on all records, by role.
-        made: Simulations that the signatures took, and an earlier account.
-        seed: Seed of replicates.
+        made: Simulations spent on the signatures and on an earlier account.
+        seed: Seed of the replicates of the noise.
     """
     first, second, third = views.values()
     mechanism, who, rules, verification = first.mechanism, search.who, search.rules, None
     other = None if finding.best is None else other_way((first, second))
     if other is not None and finding.verdict in ("named", "ambiguous") and other.rivals(finding):
-        # Not a fault of the mechanism, perhaps, but of what the model says about the log.
+        # Perhaps the mechanism is right, and the model misstates how commands go on between two samples.
         finding = finding.refuted()
     scale = None if finding.best is None else effort_scale((first, second))
     integral = None if finding.verdict in SILENT else integral_action((first, second))
-    # Nor is a wrong unit one, nor a controller that the model does not have.
+    # Likewise, a wrong unit of the efforts or a controller with an integral is no fault of the mechanism.
     instead = scale.sentence if scale is not None and scale.rivals(finding) else ""
     instead = integral.sentence if integral is not None else instead
     if instead:
@@ -182,7 +182,7 @@ def _diagnosis(
         effects = finding.best.fit.effects
         verification = _verified(tuple(views.values()), finding.best.fit, rules, seed)
         said = finding.verdict in ("named", "ambiguous")
-        # Enough effects together mimic a law that is missing, if not to the last per cent on two records.
+        # Several effects together can mimic a missing law, but hardly close the last per cent on two records.
         mimics = finding.something_remains and len(finding.best.fit.who) > 1 and finding.best.closure < rules.several
         asked = replace(rules, closure=rules.several) if mimics else rules
         finding = finding.refuted() if said and not verification.transfers(asked) else finding
@@ -198,11 +198,11 @@ def _diagnosis(
             whole = replace(whole, fit=_unsure(whole.fit, tuple(views.values())))
         account = None if whole is None else account_of(wide, finding, whole, third)
         if account is not None and verification is not None and not told:
-            # Shares of hardly any gap are shares of nothing, and an account that explains none of it is no account.
+            # Drop the account if the gap on `verify` is hardly more than noise, or if the account explains too little of it.
             tells = account.explained >= search.rules.worth and verification.before >= _BARELY
             account = account if tells else None
         if account is not None and whole is not None and not told:
-            # What the account leads to is compared with what was found by the rules of a name.
+            # The first effects of the account may be a better explanation: judge them by the rules for naming effects.
             second_look = _second_look(search, account, tuple(views.values()), seed)
             if second_look is not None and not (other is not None and other.rivals(second_look[0])):
                 finding, verification = second_look
@@ -234,7 +234,7 @@ def _diagnosis(
 def _filtered(
     views: Sequence[JointResiduals], effects: Sequence[Applied], rules: Rules, seed: int
 ) -> tuple[Array, list[NoiseColour]] | None:
-    """What the noise is if it is all that effects leave of three records, by `other_noise`."""
+    """Estimate the noise by `other_noise` from the residuals that effects leave on all three records; None if they are motion."""
     left = [view.residual(effects) for view in views]
     return other_noise(views, left, np.random.default_rng(seed), rules.deviations)
 
@@ -246,14 +246,17 @@ def _with_other_noise(
     effects: Sequence[Applied],
     seed: int,
 ) -> tuple[JointIdentification, Finding] | None:
-    """A search whose noise is what some effects leave, and what it names; None if that is motion, or if nothing is named.
+    """Search again with the residuals of some effects as the noise; None if they are motion, or if the search names nothing.
 
     Args:
-        search: A search that took the noise for white.
+        search: A search that assumed white noise.
         bank: Signatures.
-        views: Residuals on all records, which keep the noise if something is named.
-        effects: The effects.
-        seed: Seed of replicates.
+        views: Residuals on all records; they keep the new noise only if the search names something.
+        effects: Effects whose residuals are taken for noise.
+        seed: Seed of the replicates of the noise.
+
+    Returns:
+        The new search and its finding.
     """
     found = _filtered(views, effects, search.rules, seed)
     if found is None:
@@ -273,18 +276,18 @@ def _with_other_noise(
 def _second_look(
     search: JointIdentification, account: GapAccount, views: Sequence[JointResiduals], seed: int
 ) -> tuple[Finding, Verification] | None:
-    """What the first few effects of an account that close its gap are called, if the search never tried them together.
+    """Fit and judge together the first effects of an account that close the gap, since the search may never have tried them.
 
-    Growing effect by effect from one record takes what explains most alone, which may be none of them.
+    The search adds one effect at a time, that which explains most alone, and may so miss all effects of the right set.
 
     Args:
-        search: Compares explanations.
+        search: Search that compares explanations.
         account: The account.
         views: Residuals on all records, `verify` last.
-        seed: Seed of replicates.
+        seed: Seed of the replicates of the noise.
 
     Returns:
-        The finding, and what `verify` says; None where nothing else is named.
+        The finding and its verification; None where these effects are not named.
     """
     count, closes = 0, 0.0
     while count < min(search.rules.most, len(account.entries)) and closes < search.rules.closure:
@@ -302,7 +305,7 @@ def _second_look(
     best, fit = found.best, found.best.fit
     found = named_by_third(found, views, search.rules, search.floor, search.left)
     checked = _verified(views, fit, search.rules, seed)
-    # Enough effects together mimic a law that is missing, if not to the last per cent.
+    # Several effects together can mimic a missing law, but hardly close the last per cent.
     asked = search.rules if len(fit.who) == 1 else replace(search.rules, closure=search.rules.several)
     if not checked.transfers(asked):
         return None
@@ -310,50 +313,50 @@ def _second_look(
 
 
 def _verified(views: Sequence[JointResiduals], fit: EffectFit, rules: Rules, seed: int) -> Verification:
-    """What the last record says of a fit to the first, or to the first two."""
+    """Verify, on the last record, a fit to the first one or to the first two."""
     beside = BesideParameterError(views[-1], views[:-1], derivatives)
     return verify(views[-1], fit.effects, np.random.default_rng(seed), lambda: beside(fit), rules.alarm)
 
 
 def _unsure(fit: EffectFit, views: Sequence[JointResiduals], size: float = 1.0) -> EffectFit:
-    """A fit with deviations that know how far records disagree.
+    """Widen the standard deviations of a fit by how far the records disagree about its parameters.
 
     Args:
         fit: The fit.
-        views: Residuals on all records, those that it was fitted to first.
-        size: What is left, in units of the noise, by which deviations are multiplied later.
+        views: Residuals on all records, the fitted ones first.
+        size: Root mean square residual that is left, in units of the noise; deviations are multiplied by it later if above 1.
     """
     wide = max(1.0, size)
     return replace(fit, deviations=widened(wide * fit.deviations, RecordSizes.of(views, fit), fit.records) / wide)
 
 
 def _as_accounted(finding: Finding, best: Hypothesis, account: GapAccount) -> Finding:
-    """A finding with the sizes that the account has, where it holds all that was named: one thing has one size.
+    """Give the effects of a finding the parameters of the account, if it holds all of them: both must state the same sizes.
 
-    What was named was mostly fitted to one record, on which two masses of an arm may hardly be parted; the account to both.
+    A finding was mostly fitted to one record, which may hardly tell two masses of an arm apart; the account was fitted to two.
 
     Args:
-        finding: What was found.
-        best: Its best explanation.
+        finding: The finding.
+        best: Best explanation of the finding.
         account: The account.
     """
     lines = {entry.candidate: entry for entry in account.entries}
     if any(candidate not in lines for candidate in best.fit.who):
         return finding
     held = [lines[candidate] for candidate in best.fit.who]
-    # Findings multiply deviations by what is left; the account's know of it.
+    # Findings multiply deviations by the size of the residual later; those of the account include it already.
     deviations = np.concatenate([entry.deviations for entry in held]) / max(1.0, finding.after)
     fit = replace(best.fit, effects=tuple(entry.effect for entry in held), deviations=deviations)
     return replace(finding, best=replace(best, fit=fit))
 
 
 def _same(some: Sequence[Applied], others: Sequence[Applied]) -> bool:
-    """Whether two lists hold the same effects with the same parameters."""
+    """Tell whether two lists hold the same effects with the same parameters."""
     return len(some) == len(others) and all(effect in others for effect in some)
 
 
 def _warnings(finding: Finding, bank: SignatureBank, stated: bool) -> tuple[str, ...]:
-    """What a reader must know before the figures; `stated` is whether the case states noise or tolerance."""
+    """List warnings that belong before the figures; `stated` tells whether the case states noise or tolerance."""
     out = []
     if finding.before > _FAR and not stated:
         out.append(
@@ -371,12 +374,12 @@ def _warnings(finding: Finding, bank: SignatureBank, stated: bool) -> tuple[str,
 def views_of(
     mechanism: Mechanism, records: Mapping[str, Record], folder: str | Path | None = None
 ) -> dict[str, JointResiduals]:
-    """Residuals of records, with one estimate of the noise for all of them, as they come from one set of sensors.
+    """Make the residuals of all records with one shared estimate of the noise, since all come from the same sensors.
 
     Args:
-        mechanism: Simulates.
+        mechanism: The mechanism that replays the records.
         records: Records by role.
-        folder: Keeps the sensitivities that records may share; nothing is kept when None.
+        folder: Folder that keeps sensitivities from run to run; nothing is kept when None.
 
     Returns:
         Residuals by role.

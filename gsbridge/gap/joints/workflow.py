@@ -1,4 +1,4 @@
-"""What the stages of the workflow do with a case about a mechanism."""
+"""The stages of the gap workflow for a case about a mechanism."""
 
 from __future__ import annotations
 
@@ -45,21 +45,21 @@ class JointBackend(CaseBackend):
         """Read a case from its file and check it.
 
         Raises:
-            InputError: It cannot be used.
+            InputError: The case cannot be used.
         """
         case = read_joint_case(path)
-        # What only building it can tell is told here, too, before anything is written.
+        # Building the mechanism finds further faults of the model; they are reported here, before anything is written.
         _refuse_runaway(Mechanism(case.system), case.records["fit"], case.model)
         return cls(case)
 
     @classmethod
     def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> JointBackend:
-        """Make a case of a mechanism again from what `save` and `about` have left.
+        """Rebuild a case from the output of `save` and `about`.
 
         Args:
             model: File of the model.
             data: File that `save` wrote (`.npz`).
-            about: What `about` gave, read from `records.json`.
+            about: Output of `about`, read from `records.json`.
 
         Raises:
             InputError: A file is missing or damaged.
@@ -72,13 +72,13 @@ class JointBackend(CaseBackend):
         save_records(data, self.case.records)
 
     def about(self) -> dict[str, Any]:
-        """Content of `records.json`."""
+        """Return the content of `records.json`."""
         system, parts = self.case.system, {role: _about(item) for role, item in self.case.records.items()}
         sliding: dict[str, Any] = {"sliding": list(system.sliding)} if system.sliding else {}
         return self.described(system.digest(), system.controller.mode, parts, system.joints, **sliding)
 
     def compare(self) -> dict[str, Any]:
-        """Residuals of every channel under the model as it is, and a map of where they show: `comparison.json`."""
+        """Compute the residuals of every channel under the unchanged model and map where they occur: `comparison.json`."""
         mechanism = Mechanism(self.case.system)
         views = views_of(mechanism, self.case.records)
         return {
@@ -88,9 +88,9 @@ class JointBackend(CaseBackend):
         }
 
     def screen(self, bank: str | Path) -> dict[str, Any]:
-        """Make the bank of signatures, and say before any fit what the records can tell apart: `screen.json`."""
+        """Make the bank of signatures and report, before any fit, which effects the records can tell apart: `screen.json`."""
         mechanism = Mechanism(self.case.system)
-        # As the diagnosis does: the noise sets the sizes of the signatures, and so the bank.
+        # Estimate the noise from all records, as the diagnosis does: the noise sets the sizes of the signatures in the bank.
         views = views_of(mechanism, self.case.records, bank)
         view = views["fit"]
         who = candidates(view, self.case.names, (views["select"],))
@@ -105,29 +105,29 @@ class JointBackend(CaseBackend):
         }
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
-        """Diagnose the case. Returns the content of `findings.json`, proven on the third record."""
+        """Diagnose the case and return the content of `findings.json`, verified on the third record."""
         case = self.case
         diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
         return JointAccount().findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Every record with the model as it was and with effects.
+        """Replay every record with the unchanged model and with effects.
 
         Returns:
-            Measured, nominal and explained motion, `{role}/{what}`, without `explained` where there are no effects; and
-            `replays.json`: residuals before and after, and a map of what remains.
+            Arrays of the measured, nominal and explained motion with keys `{role}/{what}` (no `explained` if there are no
+            effects), and the content of `replays.json`: residuals before and after, and a map of what remains.
         """
         mechanism = Mechanism(self.case.system)
         arrays: dict[str, Array] = {}
         rows = {}
         for role, item in self.case.records.items():
-            # The noise is judged by what the better replay leaves, as in the verification.
+            # Estimate the noise from the residual of the replay with effects, which is closer to the record.
             view = JointResiduals.of(mechanism, item, effects)
             nominal, explained = view.simulate(), view.simulate(effects)
             before, after = view.residual(), view.residual(effects)
             arrays |= {f"{role}/time": item.time, f"{role}/sigma": view.sigma, f"{role}/measured": view.stack(item.measured)}
             arrays |= {f"{role}/nominal": view.stack(nominal), f"{role}/before": before}
-            # Where nobody measured the joints, a picture shows them as they were told to be.
+            # If the joints were not measured, pictures show the commanded positions instead.
             seen = item.measured["position"] if "position" in item.measured else item.commands["command"]
             arrays |= {f"{role}/position": seen, f"{role}/nominal_position": nominal["position"]}
             if effects:
@@ -144,10 +144,10 @@ class JointBackend(CaseBackend):
 
 
 def _refuse_runaway(mechanism: Mechanism, record: Record, source: Path) -> None:
-    """Refuse a model under feedback that is unstable by itself: nothing could be fitted to it.
+    """Refuse a model under feedback that is unstable without any effect, since no effect could be fitted to it.
 
     Raises:
-        InputError: Its replay of a record diverges.
+        InputError: The replay of the record diverges.
     """
     if not mechanism.system.controller.closed_loop:
         return
@@ -163,7 +163,7 @@ def _refuse_runaway(mechanism: Mechanism, record: Record, source: Path) -> None:
 
 
 def _about(record: Record) -> dict[str, Any]:
-    """What a person wants to know about a record."""
+    """Summarise a record for a reader: its size, rates, channels and digest."""
     return {
         "name": record.name,
         "samples": len(record.time),
@@ -177,7 +177,7 @@ def _about(record: Record) -> dict[str, Any]:
 
 
 def _residuals(view: JointResiduals) -> dict[str, Any]:
-    """Size of the residuals of one record, noise of its channels, and where they show."""
+    """Report the size of one record's residuals, the noise of its channels, and where the residuals occur."""
     residual = view.residual()
     found = map_residuals(view, residual, view.simulate())
     return {
@@ -189,7 +189,7 @@ def _residuals(view: JointResiduals) -> dict[str, Any]:
 
 
 def _alike(view: JointResiduals, bank: SignatureBank, who: Sequence[Candidate]) -> list[dict[str, Any]]:
-    """Pairs of candidates with similar signatures in these records, the most similar first."""
+    """List pairs of candidates whose signatures are similar on this record, the most similar first."""
     first: dict[Candidate, Any] = {}
     for signature in bank.signatures:
         first.setdefault(signature.candidate, signature)
