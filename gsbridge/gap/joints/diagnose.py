@@ -58,7 +58,7 @@ _BARELY = 1.02
 """Gap on `verify`, in units of the noise, below which it counts as noise alone."""
 
 _LOUD = 2.0
-"""Residual that is not motion above which the noise estimate is doubted, in units of the noise between neighbouring samples."""
+"""Residual without motion, in units of the noise that neighbouring samples show, above which that noise estimate is doubted."""
 
 _COLOURED = (
     "The noise remembers itself for up to {memory:.0f} ms, as that of a filter in a sensor does, and exceeds what neighbouring "
@@ -234,7 +234,7 @@ def _diagnosis(
 def _filtered(
     views: Sequence[JointResiduals], effects: Sequence[Applied], rules: Rules, seed: int
 ) -> tuple[Array, list[NoiseColour]] | None:
-    """Estimate the noise by `other_noise` from the residuals that effects leave on all three records; None if they are motion."""
+    """Estimate the noise by `other_noise` from what effects leave on all three records; None if that may be motion."""
     left = [view.residual(effects) for view in views]
     return other_noise(views, left, np.random.default_rng(seed), rules.deviations)
 

@@ -1,4 +1,4 @@
-"""Which effect is missing: fits on one record, judged on another with different excitation, with the right to abstain."""
+"""Identification of the missing effect: fit on one record, judge on another with different excitation, or abstain."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from gsbridge.gap.joints.screen import SignatureMatch
 from gsbridge.gap.joints.verify import stepped
 
 _AS_LITTLE, _LITTLE = 5.0, 0.01
-"""Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
-decides between them."""
+"""Multiple of what the best explanation leaves, and share of the gap, up to which another explanation counts as equally good:
+a smaller difference may come from errors of the model."""
 
 _CLOSE, _TWINS = 6.0, 3
-"""How far behind the best explanation others are looked at with a finer step of time, in margins, and how many of them."""
+"""How far behind the best explanation another may lie to be compared at a finer time step, in margins, and how many are."""
 
 _FAR = 2.0
-"""Multiple of what the best explanation leaves of `fit` beyond which a fit that was given up is ruled out."""
+"""Multiple of the best explanation's squared residual on `fit` above which a fit that was given up is ruled out."""
 
 
 class JointIdentification(Explanations):
-    """One diagnosis of a mechanism.
+    """The search for the effects that a mechanism's model lacks, and its verdict.
 
     Args:
         first: Residuals on the record `fit`.
@@ -38,14 +38,18 @@ class JointIdentification(Explanations):
         bank: Signatures on `fit`.
         who: Candidates.
         rules: Thresholds.
-        seed: Seed of replicates.
+        seed: Seed of the replicates of the noise.
         third: Residuals on the record `verify`.
     """
 
     _seen: tuple[list[Hypothesis], Sequence[SignatureMatch], float, tuple[str, ...]] | None = None
 
     def run(self, filtered: Callable[[Hypothesis], bool] = lambda trial: False) -> Finding:
-        """Detect, screen, fit, rank, decide; no further where an effect leaves a filter's noise, if that is asked."""
+        """Detect, screen, fit, rank and decide.
+
+        Args:
+            filtered: Whether what an explanation leaves is noise of a filter. If so, the search stops after single effects.
+        """
         rules, residual = self.rules, self.start
         self._limited.clear()
         p_first, p_second = self.null_first.p_value(residual), self.null.p_value(self.plain)
@@ -68,7 +72,7 @@ class JointIdentification(Explanations):
         moves = best is not None and self._transfers(best)
         views = (self.first, self.second), (self.start, self.plain)
         if not moves and not is_motion(*views, self.rng, rules.deviations):
-            # What exceeds white noise is no motion, and nothing learnt from one record holds on the other.
+            # The excess over white noise is no motion, and no fit to one record holds on the other: it is coloured noise.
             untold = not related(self.first, self.start)
             return replace(self._quiet("no_discrepancy", p_value, unseen), coloured=True, untold=untold)
         if best is None:
@@ -82,20 +86,20 @@ class JointIdentification(Explanations):
     def again(
         self, who: Sequence[Candidate], values: Sequence[dict[str, float]], instead: Sequence[Sequence[str]] = ()
     ) -> Finding | None:
-        """The finding with an explanation more among those that are compared.
+        """Decide again with one explanation more.
 
         Args:
-            who: Its effects.
-            values: Parameters of each to start from.
-            instead: Names of what may stand in the place of each, which is compared, too.
+            who: Effects of the new explanation.
+            values: Start parameters of each effect.
+            instead: For each effect, names of the effects that may stand in its place; these sets are compared, too.
 
         Returns:
-            None where there is nothing to compare it with, where it was compared before, where it cannot be fitted, or where a
-            limit of which `fit` shows nothing is not needed or does not show on `verify`.
+            The new finding. None if `run` compared nothing, if this explanation was compared before or its fit does not
+            converge, or if it holds a limit that does not show on `fit` and that `select` and `verify` do not confirm.
         """
         if self._seen is None:
             return None
-        # As many simulations again as the search may take.
+        # Grant a second budget of simulations, as large as that of the search.
         self._begin = self.first.mechanism.runs
         late = [k for k, candidate in enumerate(who) if candidate.effect.cuts and self._hidden(who, values, k)]
         known = [trial for trial in self._seen[0] if set(trial.fit.who) == set(who)]
@@ -120,15 +124,15 @@ class JointIdentification(Explanations):
         return self._decide(slim(trials, self.rules, self.floor, self.plain_chi2), matches, p_value, unseen)
 
     def _hidden(self, who: Sequence[Candidate], values: Sequence[dict[str, float]], k: int) -> bool:
-        """Whether `fit` shows nothing of one effect beside others."""
+        """Tell whether effect number `k` does not show on `fit` beside the others."""
         effects = [candidate.applied(one) for candidate, one in zip(who, values, strict=True)]
         change = self.first.residual(effects) - self.first.residual(without_one(effects, k))
         return float((change**2).sum()) < self.rules.margin
 
     def _transfers(self, trial: Hypothesis) -> bool:
-        """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow.
+        """Tell whether a trial explains more of `select` than chance does, even with coloured noise.
 
-        The part must be worth a word: what hardly anything is taken off is no more of that kind than it was before.
+        It must also close at least the share `least` of the gap, as each of several named effects must.
         """
         gap, left = (beyond_noise(chi2, self.floor) for chi2 in (self.plain_chi2, trial.chi2))
         if self.plain_chi2 - trial.chi2 < self.rules.margin or gap - left < self.rules.least * gap:
@@ -145,8 +149,8 @@ class JointIdentification(Explanations):
     ) -> Finding:
         rules = self.rules
         first = decide(trials, rules, self.floor)
-        # The best, what comes near it, and what does as well where it was fitted are fitted once more, with derivatives of
-        # their own: signatures alone lead some fits to an end that holds on no other record.
+        # Refit the best explanation, its near rivals, and those that do as well on `fit`, with derivatives of their own:
+        # derivatives from signatures lead some fits to parameters that hold on no other record.
         again, kept = {id(t) for t in (first.trials[0], *first.near[:2], *self._as_well(first)[:2])}, []
         for trial in first.trials:
             derivatives = sum(len(c.effect.parameters) for c in trial.fit.who) * trial.fit.records
@@ -169,8 +173,8 @@ class JointIdentification(Explanations):
             untried = self._untried((best, *found.near), trials)
             names = tuple(dict.fromkeys((*names, *(" + ".join(sorted(map(str, every))) for every in untried))))
             if len(best.fit.who) == best.fit.records == 1:
-                # Candidates that were not fitted, but whose signatures explain as much, are not ruled out either; what was
-                # fitted and left far more when it was given up, is.
+                # Candidates that were not fitted, but whose signatures explain as much, remain possible. Candidates whose
+                # fit was given up while it left far more are ruled out.
                 gained = float((self.start**2).sum()) - best.fit.chi2 - rules.margin
                 tried = {candidate for trial in trials for candidate in trial.fit.who}
                 ruled_out = {name for name, left in self.lost.items() if left > _FAR * best.fit.chi2 + rules.margin}
@@ -178,12 +182,12 @@ class JointIdentification(Explanations):
                 as_good = (str(m.candidate) for m in open_ if m.bound > gained)
                 names += tuple(name for name in as_good if name not in names)
         else:
-            # Near twins may be told apart by no more than the step of time changes.
+            # The difference between very similar effects may be no larger than the error of the time step.
             twins = self._twins_at_a_finer_step(found)
             verdict = "ambiguous" if twins else "named"
             names = tuple(" + ".join(trial.names) for trial in (best, *twins) if twins)
         if part is not None:
-            # More effects than that mimic what is left; this one is in all that do.
+            # All good explanations hold this part; their further effects only mimic what it leaves.
             verdict, best, remains, p_remaining = "named", part, True, self._p_remaining(part)
             found = replace(found, trials=(part, *(t for t in found.trials if t is not part)))
         if verdict == "ambiguous" and len(names) == 1:
@@ -195,9 +199,9 @@ class JointIdentification(Explanations):
         )  # fmt: skip
 
     def _twins_at_a_finer_step(self, found: Decision) -> list[Hypothesis]:
-        """Which of the explanations that come next cannot be told from the best once the error of the step is taken off.
+        """Find rivals that cannot be told from the best explanation once the time step's error is taken off.
 
-        None where no simulations are left to look.
+        The list is empty if no simulations are left to compare them.
         """
         best, reach = found.trials[0], _CLOSE * self.rules.margin * max(1.0, found.trials[0].chi2 / self.floor)
         close = [trial for trial in found.trials[1:] if trial.score - best.score < reach][:_TWINS]
@@ -209,13 +213,13 @@ class JointIdentification(Explanations):
         return [trial for trial, one in zip(close, fine[1:], strict=True) if any(one is other for other in alike)]
 
     def _untried(self, near: Sequence[Hypothesis], trials: Sequence[Hypothesis]) -> list[tuple[Candidate, ...]]:
-        """Sets that might stand in the place of some explanations but were not fitted."""
+        """List the sets that might explain as much as those in `near` but were not fitted."""
         fitted = {frozenset(trial.fit.who) for trial in trials}
         sets = (every for trial in near for every in self.untried.get(frozenset(trial.fit.who), []))
         return [every for every in sets if frozenset(every) not in fitted]
 
     def _as_well(self, found: Decision) -> list[Hypothesis]:
-        """What leaves as little of `fit` as the best explanation does, and more of `select`."""
+        """List explanations that do as well as the best one on `fit`, but worse on `select`."""
         best = found.trials[0]
 
         def behind(trial: Hypothesis) -> float:
@@ -225,10 +229,10 @@ class JointIdentification(Explanations):
         return sorted((t for t in found.trials[1:] if id(t) not in near and behind(t) < most), key=behind)
 
     def _suffices(self, trial: Hypothesis, trials: Sequence[Hypothesis]) -> bool:
-        """Whether a trial explains enough to be named although more than noise is left.
+        """Tell whether a trial explains enough to be named although it leaves more than noise.
 
-        Several effects together fit much that they do not explain: each must explain more than what remains, which is the
-        error of the model as far as anybody knows, and a hundredth of the gap: an effect that small mends another's law.
+        Several effects together can fit errors of the model. Each must therefore explain clearly more than what remains, and
+        at least a hundredth of the gap: a smaller effect only corrects the law of another one.
         """
         rules, closure = self.rules, min(self._closed(trial), self._closed_first(trial))
         if closure < rules.closure:
@@ -242,7 +246,7 @@ class JointIdentification(Explanations):
             known = [t for t in trials if set(t.fit.who) <= set(who)]
             if not any(len(t.fit.who) == len(who) and t.fit.records == trial.fit.records for t in known):
                 known.append(self.trial_of(self.fits.fit(who, values, np.inf, self._limit(CHECKED), both=both)))
-            # A fit that ends in a poor valley, with even fewer effects doing better, would make an effect look needed.
+            # Take the best of all subsets: a fit that ended in a poor local minimum would make the effect look needed.
             without = min(known, key=lambda t: t.chi2)
             left_without, left_with, gap = (
                 beyond_noise(chi2, self.floor) for chi2 in (without.chi2, trial.chi2, self.plain_chi2)
@@ -252,7 +256,7 @@ class JointIdentification(Explanations):
         return True
 
     def _sure_part(self, found: Decision, trials: Sequence[Hypothesis]) -> Hypothesis | None:
-        """What all of the best explanations hold, if that alone closes the gap but for a little and has no rival; else None."""
+        """Return the explanation by the effects that all good ones share, if it nearly closes the gap and has no rival."""
         best = found.trials[0]
         if len(best.fit.who) == 1:
             return None
@@ -268,21 +272,24 @@ class JointIdentification(Explanations):
             return None
         if len(core) > 1 and not self._suffices(part, trials):
             return None
-        # What holds one of them as a special case is no rival here: it is one of the ways to mend its law.
+        # An explanation that contains this part as a special case is no rival, but one of the ways to correct its law.
         others = [t for t in trials if len(t.fit.who) <= len(core) and (t is part or not t.contains(part))]
         alone = decide(others, self.rules, self.floor)
         sure = alone.trials[0] is part and not alone.near and alone.chances[0] >= self.rules.sure
         return part if sure else None
 
     def _closed(self, trial: Hypothesis) -> float:
-        """Share of the gap on `select` that a trial closes, as far as noise tells."""
+        """Compute the share of the gap on `select` that a trial closes, noise taken off.
+
+        Moments of rest and of knocking parts do not count, for effects with dry friction or play.
+        """
         held = [c.joint for c in trial.fit.who if c.effect.sticks]
         rests = self.second.rests(trial.fit.effects, held)
         closes = closed_beside_rest(self.plain, trial.residual, self.null.share, *rests)
         return max(closes, closed_beside_knocks(trial.fit.effects, self.plain, trial.residual, self.null.share))
 
     def _closed_first(self, trial: Hypothesis) -> float:
-        """Share of the gap on `fit` that a trial closes; `select` tells whether something else happened there for a while."""
+        """Compute the share of the gap on `fit` that a trial closes at most times; `select` judges the others."""
         if trial.fit.records > 1 and self.null_first.p_value(self.start) >= self.rules.alarm:
-            return self._closed(trial)  # there is none
+            return self._closed(trial)  # There is no gap on `fit`.
         return closed_at_most_times(self.start, trial.first, self.null_first.share)
