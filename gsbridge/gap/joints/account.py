@@ -1,4 +1,4 @@
-"""The account of a gap: all effects that explain a part of it, in order, and how much each explains where nobody fitted."""
+"""The account of a gap: all effects that explain a part of it, and the share that each explains on the unfitted record."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
 
 _RIVALS = 6
-"""Largest number of effects that are told as what could stand in an entry's place."""
+"""Most alternatives that are listed for one entry."""
 
 
 class Search(Protocol):
-    """What an account asks of what grew the explanation."""
+    """The part of the search that an account needs: the object that grew the explanation."""
 
     @property
     def both(self) -> PooledResiduals:
         """Residuals on the records `fit` and `select`."""
 
     def instead(self, whole: Hypothesis, k: int, third: JointResiduals | None = None) -> tuple[str, ...]:
-        """Names of the effects that explain as much in the place of one of an explanation.
+        """Return names of effects that explain as much in the place of one effect of an explanation.
 
         Args:
             whole: The explanation.
-            k: Number of the effect that others stand in for.
-            third: Residuals on the record `verify`, so that all records are compared; None to compare two.
+            k: Number of the effect that is replaced.
+            third: Residuals on the record `verify`, to compare on all records; None to compare on two.
         """
 
 
@@ -40,12 +40,12 @@ def account_of(search: Search, finding: Finding, whole: Hypothesis, third: Joint
     """Take account of a gap.
 
     Args:
-        search: What grew the explanation on the records `fit` and `select`.
-        finding: What it found.
+        search: The search that grew the explanation on the records `fit` and `select`.
+        finding: The finding that the account extends.
         whole: The explanation with all effects that help.
         third: Residuals on the record `verify`.
     """
-    # All records, so that the order hardly depends on which of them is called `fit`.
+    # Order by all records, so that the order hardly depends on which of them is called `fit`.
     order = _order(PooledResiduals((*search.both.views, third)), whole.fit.effects)
     sizes = [_size(third, [whole.fit.effects[k] for k in order[:number]]) for number in range(len(order) + 1)]
     gap = max(sizes[0], 1e-9)
@@ -54,7 +54,7 @@ def account_of(search: Search, finding: Finding, whole: Hypothesis, third: Joint
     for number, k in enumerate(order):
         candidate = whole.fit.who[k]
         share = float((sizes[number] - sizes[number + 1]) / gap)
-        # What explains most of a gap is worth the fits that tell it from what looks like it.
+        # An effect that explains most of the gap is worth fitting its rivals, to tell it from similar effects on all records.
         verdict, instead = _standing(search, finding, whole, k, third if share >= TRANSFERS else None)
         deviations = whole.fit.deviations[places[k] : places[k + 1]]
         entries.append(AccountEntry(candidate, whole.fit.effects[k], deviations, share, verdict, instead))
@@ -70,18 +70,21 @@ def account_of(search: Search, finding: Finding, whole: Hypothesis, third: Joint
 
 
 def _size(view: JointResiduals, effects: Sequence[Applied]) -> float:
-    """Root mean square residual beyond the noise, in units of it."""
+    """Compute the root mean square residual beyond the noise, in units of the noise."""
     return float(np.sqrt(max((view.residual(tuple(effects)) ** 2).sum() / view.freedom - 1.0, 0.0)))
 
 
 def _order(seen: PooledResiduals, effects: tuple[Applied, ...]) -> list[int]:
-    """Places of effects in the order in which they explain records, without those that add nothing beside the others.
+    """Order effects by how much of the records they explain, without those that add nothing beside the others.
 
-    Some explain only together: a stiffer servo beside the friction that it overcomes. Who adds, step by step, what explains
-    most beside what stands already finds neither before the end; who takes away what is missed least finds them as soon as
-    they matter, but may keep two where one would do. The order counts that leaves less along the way.
+    Some effects explain only together: a stiffer servo and the friction that it overcomes. Forward selection (add what
+    explains most beside those chosen) finds such a pair last. Backward elimination (drop what is missed least) finds it as
+    soon as it matters, but may keep two effects where one would do. The order that leaves less along the way is returned.
 
-    Source: Couvreur and Bresler, SIAM Journal on Matrix Analysis and Applications 21, 2000, about taking away.
+    Returns:
+        Places of the effects in `effects`.
+
+    Source: Couvreur and Bresler, SIAM Journal on Matrix Analysis and Applications 21, 2000, for backward elimination.
     """
 
     @cache
@@ -102,7 +105,7 @@ def _order(seen: PooledResiduals, effects: tuple[Applied, ...]) -> list[int]:
 def _standing(
     search: Search, finding: Finding, whole: Hypothesis, k: int, third: JointResiduals | None
 ) -> tuple[str, tuple[str, ...]]:
-    """How sure an entry is, and what else could stand in its place."""
+    """Return how sure an entry is (`NAMED`, `ONE_OF` or `LIKELY`), and what else could stand in its place."""
     proven = finding.best is not None and whole.fit.who[k] in finding.best.fit.who
     if proven and finding.verdict == "named":
         return NAMED, ()

@@ -1,4 +1,4 @@
-"""Bank of signatures: what each candidate changes in a replay, at several sizes; made once per mechanism and commands."""
+"""The bank of signatures of all candidates at several sizes; it is made once per mechanism and commands."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from gsbridge.gap.joints.signatures import Signature, SignatureBank
 from gsbridge.geometry import Array
 
 _AIM = 100.0
-"""Squared length of the smallest signature that is kept, in units of the noise: ten times the noise of one number."""
+"""Squared length that the smallest signature should have, in units of the noise: ten times the noise of one number."""
 
 _TRIES = 8
-"""Simulations spent on finding the smallest size."""
+"""Most simulations spent on finding the smallest size along one direction."""
 
 _COARSE = 2.0
-"""Step of the noise, in doublings, within which a bank is shared."""
+"""Step, in doublings, to which the noise is rounded, so that cases with similar noise share a bank."""
 
 _LARGEST = 2e4
-"""Multiple of the typical size beyond which nothing is looked for."""
+"""Largest multiple of an effect's typical size that is tried."""
 
 
 def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[Applied] = ()) -> SignatureBank:
     """Simulate all candidates on top of `base`.
 
-    The noise of the view sets the smallest size: one whose signature just stands out.
+    The noise of the view sets the smallest size of each: that at which the signature just stands out.
 
     Args:
         view: The record, the mechanism that replays it, and the noise.
@@ -50,7 +50,7 @@ def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[App
     for candidate in who:
         factor, thrown = 1.0, False
         for direction in candidate.directions():
-            # The size that just stands out along one direction is a good guess for the next.
+            # The smallest visible size along one direction is a good first guess for the next direction.
             made, factor, lost = _along(view, candidate, direction, factor, plain, base)
             found += made
             thrown |= lost
@@ -62,8 +62,11 @@ def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[App
 def _along(
     view: JointResiduals, candidate: Candidate, direction: dict[str, float], begin: float, plain: Array, base: Sequence[Applied]
 ) -> tuple[list[Signature], float, bool]:
-    """Signatures along one direction of a candidate's parameters, the multiple of it that just stands out, and whether a
-    simulation diverged."""
+    """Make signatures along one direction of a candidate's parameters.
+
+    Returns:
+        The signatures, the multiple of the direction at which they just stand out, and whether a simulation diverged.
+    """
     effect = candidate.effect
 
     def change(factor: float) -> tuple[dict[str, float], Array, float]:
@@ -84,7 +87,7 @@ def _along(
         if size == np.inf:
             scale = 0.1
         elif size < 1e-3 * _AIM:
-            # Thresholds (limits, play) give nothing until they are passed.
+            # Effects with a threshold (limits, play) change nothing below it: take a large step.
             scale = 8.0
         else:
             scale = float(np.clip(np.sqrt(_AIM / size), 0.05, 20.0))
@@ -107,19 +110,19 @@ def _along(
 
 @functools.cache
 def _edition() -> str:
-    """Digest of the code that makes a bank, effects and simulation included: no signature that other code made is read."""
+    """Return a digest of the code that makes a bank, effects and simulation included, so that no outdated bank is read."""
     return code_digest(__name__)
 
 
 def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str | Path) -> SignatureBank:
-    """The bank of signatures of a record, read from `folder` where an equal one was made before.
+    """Return the bank of signatures of a record, read from `folder` if an equal one was made before.
 
     Args:
         view: The record, the mechanism that replays it, and the noise.
         who: Candidates.
-        folder: Where banks are kept; a bank that is made is written there.
+        folder: Where banks are kept; a new bank is written there.
     """
-    # Noise sets sizes only, where a factor of two does not matter: in coarse steps, cases of one sensor share a bank.
+    # The noise only sets the sizes, where a factor of two does not matter: rounded, it lets cases of one sensor share a bank.
     steps = np.round(np.log2(view.sigma) / _COARSE)
     key = hashlib.sha256(f"{_edition()}{view.digest()}".encode())
     for candidate in who:
@@ -132,7 +135,7 @@ def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str |
             return _read(path, who)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             path.unlink()
-    # Made with the noise of the step, so that a bank does not depend on which case came first.
+    # Use the rounded noise, so that a bank does not depend on which case made it.
     coarse = replace(view)
     coarse.set_noise(2.0 ** (_COARSE * steps), view.records)
     bank = make_bank(coarse, who)

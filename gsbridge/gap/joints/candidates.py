@@ -19,13 +19,13 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _LOWEST = (0.02, 0.08, 0.2)
-"""Heights at which a surface is tried, as shares of the range of commanded heights, counted from the lowest."""
+"""Heights at which a surface is tried, as shares of the range of commanded tool heights, counted from the lowest."""
 
 _LEVEL = 0.01
-"""Range of commanded heights, m, up to which no surface is tried."""
+"""Range of commanded tool heights, m, up to which no surface is tried."""
 
 _KNOCKING = ("backlash",)
-"""Effects in which parts knock against each other."""
+"""Names of effects in which parts knock against each other."""
 
 
 @dataclass(frozen=True, order=True)
@@ -43,25 +43,25 @@ class JointCandidate(Candidate):
 
     @property
     def effect(self) -> JointEffect:
-        """Its entry in the registry of effects of turning or of sliding joints."""
+        """The effect's entry in the registry for turning or for sliding joints."""
         return (SLIDING_EFFECTS if self.slides else JOINT_EFFECTS).effect(self.name)
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Sets of parameters of which multiples are tried first: those of the effect, at each height where it is a surface."""
+        """Return parameter sets whose multiples are tried first: those of the effect, a surface's at each of its heights."""
         own = super().directions()
         return tuple({**values, "height": height} for values in own for height in self.heights) if self.heights else own
 
 
 def closed_beside_knocks(effects: Sequence[Applied], before: Array, after: Array, share: float) -> float:
-    """Share of a gap that effects close at most times, if parts knock against each other in them; negative infinity otherwise.
+    """Compute the share of a gap that effects close at most times, if they make parts knock; otherwise negative infinity.
 
-    When exactly a gear's play closes, and how often it rebounds, depends on how hard its teeth are and how the replay steps:
-    one knock too early errs as much as none.
+    When exactly a gear's play closes, and how often it rebounds, depends on the hardness of its teeth and on the time step of
+    the replay. A knock that is simulated too early leaves as large a residual as a knock that is missing.
 
     Args:
         effects: The effects.
-        before: Whitened residual without them. [T, C].
-        after: With them. [T, C].
+        before: Whitened residual without the effects. [T, C].
+        after: Whitened residual with the effects. [T, C].
         share: Mean square of noise alone.
     """
     knocks = any(applied.name in _KNOCKING for applied in effects)
@@ -71,15 +71,15 @@ def closed_beside_knocks(effects: Sequence[Applied], before: Array, after: Array
 def special_cases(
     trials: Sequence[Hypothesis], known: Sequence[Hypothesis], who: Sequence[Candidate], near: float
 ) -> list[tuple[tuple[Candidate, ...], list[dict[str, float]]]]:
-    """Special cases of explanations, one of their effects being a simpler one, with parameters to start from.
+    """List special cases of explanations, in which a simpler effect replaces one effect, with parameters to start from.
 
-    Beside none of its special cases an effect would be named for parameters that explain nothing.
+    An effect must be compared with its special cases; otherwise it may be named for parameters that explain nothing.
 
     Args:
         trials: The explanations.
-        known: Explanations that were fitted, which are left out.
+        known: Explanations that were fitted already and are left out.
         who: All candidates.
-        near: Multiple of the best squared residual up to which an explanation is looked at.
+        near: Multiple of the best squared residual on `fit` up to which an explanation's special cases are listed.
     """
     out, fitted = list[tuple[tuple[Candidate, ...], list[dict[str, float]]]](), {frozenset(t.fit.who) for t in known}
     best = min((trial.fit.chi2 for trial in trials), default=0.0)
@@ -99,19 +99,19 @@ def special_cases(
 def candidates(
     view: JointResiduals, names: Collection[str] | None = None, others: Sequence[JointResiduals] = ()
 ) -> tuple[JointCandidate, ...]:
-    """All candidates of a mechanism, or only those of the effects in `names`.
+    """List all candidates of a mechanism, or only those of the effects in `names`.
 
     Args:
         view: A record and the mechanism that replays it.
-        names: Effects that may be the reason; None for the whole catalogue.
-        others: Further records, whose commands may reach lower heights.
+        names: Effects that may be the cause; None for the whole catalogue.
+        others: Further records, whose commands may reach lower heights of the tool.
     """
     system, out = view.mechanism.system, list[JointCandidate]()
     for name, effect in JOINT_EFFECTS.items():
         if system.controller.mode not in effect.modes or (names is not None and name not in names):
             continue
         if name == "damping" and len(system.joints) < 2:
-            # Of a single joint it is `gain_d`.
+            # With a single joint, `damping` is the same as `gain_d`.
             continue
         if name == "table":
             heights = _heights((view, *others))
@@ -124,12 +124,12 @@ def candidates(
 
 
 def thresholds(who: Sequence[Candidate], view: JointResiduals, residual: Array) -> list[Candidate]:
-    """Candidates that act only above a threshold, with one parameter, on the joint with the largest residual.
+    """Select one-parameter candidates that act only above a threshold, on the joint with the largest residual.
 
     Args:
         who: Candidates.
         view: A record.
-        residual: Whitened. [T, C].
+        residual: Whitened residual of the record. [T, C].
     """
     column = int(np.argmax((residual**2).mean(axis=0)))
     kind, k = view.channels[column]
@@ -140,8 +140,10 @@ def thresholds(who: Sequence[Candidate], view: JointResiduals, residual: Array) 
 
 
 def _heights(views: Sequence[JointResiduals]) -> tuple[float, ...]:
-    """Heights at which a surface would cut off the lowest part of what is commanded; none where that is level, or where no
-    frame tells how far the last link reaches."""
+    """Choose heights at which a surface would stop the tool in the lowest part of the commanded motion, m above the base.
+
+    There are none if the commanded motion is level, or if no frame tells how far the last link reaches.
+    """
     mechanism, up = views[0].mechanism, up_of(views[0].mechanism.system.gravity)
     if not mechanism.system.tool and not mechanism.toe.any():
         return ()

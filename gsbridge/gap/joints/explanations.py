@@ -1,4 +1,4 @@
-"""Explanations of a gap: fits of single effects and of sets of them to one record, judged on another."""
+"""Explanations of a gap: single effects and sets of effects, fitted to one record and judged on another."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.gap.joints.stand_ins import stand_ins
 
 CHECKED = 6
-"""Simulations kept for what `verify` says of the best explanation."""
+"""Simulations reserved for verifying the best explanation."""
 
 _RESERVE = CHECKED + 6
-"""Simulations kept for that and for the derivatives of the best explanation."""
+"""Simulations reserved for verifying the best explanation and for its derivatives."""
 
 _PAIR = 12
-"""Simulations kept for sets of effects while play and limits are tried at several sizes."""
+"""Simulations that stay reserved for sets of effects while play and limits are tried at several sizes."""
 
 _JUDGED = 2
-"""Simulations after a fit: with another step of time, and on the record that it has not seen."""
+"""Simulations that follow a fit: one at another time step, and one on the record that it has not seen."""
 
 _PAIRS = 2
 """Pairs of effects that are tried beside the best single one."""
@@ -41,7 +41,7 @@ _NEAR = 2.0
 """Multiple of the best squared residual up to which an explanation's special cases are fitted, too."""
 
 _MOST = 0.5
-"""Share of a gap's squares that the best fit must explain for others to be looked for no further."""
+"""Share of a gap's squares that the best fit must explain; if it explains less, effects with a threshold are tried, too."""
 
 
 T = TypeVar("T")
@@ -49,13 +49,13 @@ T = TypeVar("T")
 
 @dataclass
 class SetFits:
-    """Fits of sets of effects to `fit`, or to `select`, too, where `fit` shows nothing of one of the effects.
+    """Fits of sets of effects to `fit`, or to `fit` and `select` together if one of the effects does not show on `fit`.
 
     Args:
         first: Residuals on the record `fit`.
         second: Residuals on the record `select`.
         screen: Signatures on `fit`.
-        late: Effects that were found although `fit` shows nothing of them.
+        late: Effects that were found on `select` although they do not show on `fit`.
     """
 
     first: JointResiduals
@@ -72,15 +72,15 @@ class SetFits:
         near: bool = False,
         both: bool = False,
     ) -> EffectFit:
-        """Fit all parameters together, as `fit` does; the fit's squared residual is that of the first record.
+        """Fit all parameters together, as the function `fit` does; `chi2` of the result is that on `fit` alone.
 
         Args:
             who: Candidates.
-            starts: Parameters of each to start from.
-            bar: Squared residual that a rival has reached: on the first record, or on both where `both` asks for them.
-            limit: Simulations at which the fit is given up.
-            near: Whether the starts are near the end, so that derivatives of their own are worth their simulations.
-            both: Whether they are fitted to both records in any case, to be compared with a fit that is.
+            starts: Start parameters of each candidate.
+            bar: Squared residual that a rival has reached: on `fit`, or on both records if `both` is set.
+            limit: Number of simulations at which the fit is given up.
+            near: Whether the starts are near the solution, so that derivatives by differences are worth their simulations.
+            both: Whether to fit to both records in any case, for comparison with another fit to both.
         """
         if not both and not self.late & set(who):
             return fit(self.first, who, starts, bar, None if near else self.screen, limit)
@@ -89,7 +89,7 @@ class SetFits:
         return self._as_on_first(fit(self._both, who, starts, bar if both else np.inf, limit=limit))
 
     def polish(self, rough: EffectFit, limit: float = np.inf) -> EffectFit:
-        """Improve a fit, as `polish` does."""
+        """Improve a fit, as the function `polish` does."""
         if rough.records == 1:
             return polish(self.first, rough, limit)
         return self._as_on_first(polish(self._both, rough, limit))
@@ -103,7 +103,7 @@ class SetFits:
 
 
 class Explanations:
-    """What may explain a gap, looked for with few simulations.
+    """A search for explanations of a gap within a budget of simulations.
 
     Args:
         first: Residuals on the record `fit`.
@@ -111,8 +111,8 @@ class Explanations:
         bank: Signatures on `fit`.
         who: Candidates.
         rules: Thresholds.
-        seed: Seed of replicates.
-        third: Residuals on the record `verify`, which alone can confirm what `fit` shows nothing of; without it, no such effect
+        seed: Seed of the replicates of the noise.
+        third: Residuals on the record `verify`, which must confirm effects that do not show on `fit`; if None, no such effect
             is looked for.
     """
 
@@ -135,33 +135,33 @@ class Explanations:
         self.start, self.plain = first.residual(), second.residual()
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
         self.plain_chi2 = float((self.plain**2).sum())
-        # Fits that were given up, and what they left; zero where simulations ended.
+        # Squared residual of each candidate whose fit was given up; zero if the simulations ran out.
         self.lost: dict[str, float] = {}
         self._alone: list[Hypothesis] = []
         self._limited: set[frozenset[Candidate]] = set()
-        # For a set, those that might stand in its place but were not fitted, since no simulations were left.
+        # For a set of effects, the sets that may explain as much but were not fitted, since no simulations were left.
         self.untried: dict[frozenset[Candidate], list[tuple[Candidate, ...]]] = {}
         self.fits = SetFits(first, second, self.screen)
         self._beside = BesideParameterError(second, (first, second), derivatives)
 
     def spare(self, runs: int) -> None:
-        """Let so many simulations that others took count no longer against the budget."""
+        """Take simulations that another stage spent off the count against the budget."""
         self._begin += runs
 
     @property
     def left(self) -> int:
-        """Simulations that are left of the budget."""
+        """Number of simulations that are left of the budget."""
         return self.rules.budget - self._used()
 
     def _used(self) -> int:
         return self.first.mechanism.runs - self._begin
 
     def _affords(self, fits: int, reserve: int = _RESERVE) -> bool:
-        """Whether simulations are left for so many fits' parameters."""
+        """Tell whether the budget, less the reserve, allows a fit that takes four simulations and `fits` more."""
         return self._used() + 4 + fits <= self.rules.budget - reserve
 
     def _limit(self, reserve: int = _RESERVE) -> int:
-        """Simulations at which a fit is given up, so that judging it and the reserve stay within the budget."""
+        """Compute the number of simulations at which a fit is given up, to leave enough for judging it and for the reserve."""
         return self._begin + self.rules.budget - reserve - _JUDGED
 
     def trial_of(self, fitted: EffectFit) -> Hypothesis:
@@ -173,26 +173,26 @@ class Explanations:
         return Hypothesis(fitted, residual, self.first.residual(fitted.effects), chi2, closure)
 
     def remains(self, trial: Hypothesis) -> bool:
-        """Whether a trial leaves more than noise."""
+        """Tell whether a trial leaves more than noise."""
         return self._p_remaining(trial) < self.rules.alarm
 
     def _p_on_fit(self, trial: Hypothesis) -> tuple[float, float]:
-        """Probabilities that noise leaves as much on `fit`, and as much that looks like some effect."""
+        """Compute p-values of what a trial leaves on `fit`: of its size, and of its best match with a signature."""
         matches = self.screen.matches(trial.first)
         return self.null_first.p_value(trial.first), self.null_first.p_gain(matches[0].gain) if matches else 1.0
 
     def _p_remaining(self, trial: Hypothesis) -> float:
-        """Probability that noise leaves as much on either record, or as much that looks like some effect."""
+        """Compute the p-value of what a trial leaves on both records, by its size and by its best match with a signature."""
         looks = self._p_on_fit(trial)
         unseen, alarm = self.null.p_value(trial.residual), self.rules.alarm / 3
-        # What is beyond all replicates has another cause than the error of the parameters.
+        # A residual far beyond all replicates is no error of the parameters, which is then not worth simulating.
         left = self._limit(CHECKED) - self.first.mechanism.runs
         if LEAST < unseen < alarm <= min(looks) and 2 * len(trial.fit.deviations) + 2 <= left:
             unseen = max(unseen, self.null.p_value(self._beside(trial.fit)))
         return min(1.0, 3 * min(unseen, *looks))
 
     def _singles(self, matches: Sequence[SignatureMatch]) -> list[Hypothesis]:
-        """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge are told."""
+        """Fit single effects; skip candidates that cannot reach the best, and record those that do not converge as lost."""
         ranked = sorted((match for match in matches if match.gain > 0), key=lambda match: -match.bound)
         out: list[Hypothesis] = []
         chi2, reached = float((self.start**2).sum()), -np.inf
@@ -206,7 +206,7 @@ class Explanations:
             begin = nearer(self.first, match.candidate, starts[0], self._affords)
             fitted = fit(self.first, (match.candidate,), (begin,), bar, self.screen, self._limit())
             for start in (other for other in starts[1:2] if differ(other, begin)):
-                # A start in the wrong valley leaves more than a projection onto the signatures promised.
+                # A fit from the wrong start ends in a local minimum far above what the projection onto signatures promised.
                 poor = chi2 - fitted.chi2 < 0.5 * match.bound
                 if (fitted.converged and not poor) or not self._affords(2 + len(match.candidate.effect.parameters)):
                     break
@@ -222,9 +222,9 @@ class Explanations:
         return out + self._simpler(out, out)
 
     def _thresholds(self, trials: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Fits of what begins at a threshold, on the joint that errs most, where all others leave most of the gap.
+        """Fit effects with a threshold on the joint with the largest residual, if all other fits leave most of the gap.
 
-        Its signature at one size tells nothing of another: play of a centirad looks like none of a millirad.
+        Their signature at one size tells nothing of other sizes: play of a centiradian looks unlike play of a milliradian.
         """
         chi2, out = float((self.start**2).sum()), list[Hypothesis]()
         reached = chi2 - min((trial.fit.chi2 for trial in trials), default=chi2)
@@ -250,7 +250,7 @@ class Explanations:
         self.lost[str(who)] = fitted.chi2 if self.first.mechanism.runs < self._limit() else 0.0
 
     def _simpler(self, trials: Sequence[Hypothesis], known: Sequence[Hypothesis], reserve: int = _RESERVE) -> list[Hypothesis]:
-        """Special cases of good explanations that were not fitted, or went astray, from where those ended."""
+        """Fit special cases of good explanations that were not fitted or did not converge, starting from the explanations."""
         out = list[Hypothesis]()
         for every, starts in special_cases(trials, known, self.who, _NEAR):
             if self._affords(2 + sum(len(c.effect.parameters) for c in every), reserve):
@@ -259,8 +259,8 @@ class Explanations:
         return out
 
     def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
-        """Sets of effects: what grows from the best smaller set, then the best sums of signatures; larger sets only if
-        smaller ones leave something."""
+        """Fit sets of effects: the best smaller set with one effect more, then the best sums of signatures; larger sets only
+        if the smaller ones leave more than noise."""
         trials, base = list(singles), best
         for count in range(2, self.rules.most + 1):
             tried: set[frozenset[Candidate]] = set()
@@ -294,7 +294,7 @@ class Explanations:
         if len(best.fit.who) > 1:
             trials += self._simpler([best], trials, CHECKED)
             best = min(trials, key=lambda trial: trial.score)
-            kept = self._numbers(best.fit.who)  # what polishing the best takes
+            kept = self._numbers(best.fit.who)  # Simulations for polishing the best.
             for one in stand_ins(self.first, self.screen, best, trials, self.rules.margin):
                 if self._affords(0, CHECKED + kept):
                     limit, reached = self._limit(CHECKED + kept), best.fit.chi2 + self.rules.margin
@@ -311,7 +311,7 @@ class Explanations:
         return slim(trials, self.rules, self.floor, self.plain_chi2)
 
     def _grown(self, best: Hypothesis, base: Hypothesis, count: int) -> list[Mixture]:
-        """Sets that hold the best smaller one, or two effects beside the best single one which only show together."""
+        """Propose sets with one effect beside `best`, or with two beside `base` that may show only together."""
         grown = [
             replace(m, gain=m.gain + base.fit.chi2 - best.fit.chi2) for m in self.screen.beside(best.fit, best.first, count)
         ]
@@ -321,18 +321,18 @@ class Explanations:
         return sorted(grown, key=lambda mixture: -mixture.gain)
 
     def _numbers(self, who: Sequence[Candidate]) -> int:
-        """Simulations that derivatives by all parameters of some effects take."""
+        """Count the simulations that derivatives by all parameters of some effects take."""
         return sum(len(c.effect.parameters) for c in who) * (2 if self.fits.late & set(who) else 1)
 
     def _with_limits(self, trials: Sequence[Hypothesis], anyway: bool = False) -> list[Hypothesis]:
-        """Explanations and, if found, one or two with a limit more that `select` passes and `fit` does not.
+        """Add explanations, at most two, with one limit more that `select` passes and `fit` does not.
 
-        A limit is sought beside what leaves noise of `fit` and therefore lacks nothing that shows there. Where one is missing,
-        `select` says little of what else is: the best explanation of `fit` may be another one.
+        A limit is sought beside explanations that leave only noise on `fit`, so that they lack nothing that shows there. The
+        best one on `fit` is tried first: a missing limit makes `select` a poor judge of the other effects.
 
         Args:
             trials: The explanations.
-            anyway: Whether it is sought beside what leaves more of `fit`, too, since nothing better was found.
+            anyway: Whether to look beside explanations that leave more on `fit`, too, since nothing better was found.
         """
         few = [trial for trial in trials if len(trial.fit.who) < self.rules.most]
         if not few:
@@ -345,7 +345,7 @@ class Explanations:
         return list(trials)
 
     def _late(self, best: Hypothesis) -> list[Hypothesis]:
-        """Explanations with a limit more that `select` passes and `fit` does not, where `verify` shows it, too."""
+        """Fit `best` with one limit more that `select` passes and `fit` does not, and keep what `verify` confirms."""
         views, effects = (self.first, self.second), best.fit.effects
         if self.third is None or frozenset(best.fit.who) in self._limited:
             return []
@@ -362,17 +362,17 @@ class Explanations:
         return out
 
     def _shows_more_than_noise(self, trial: Hypothesis) -> bool:
-        """Whether an explanation leaves more of `select` than noise and the error of its parameters."""
+        """Tell whether an explanation leaves more on `select` than noise and the errors of its parameters."""
         if self.null.p_value(trial.residual) >= self.rules.alarm:
             return False
         affords = trial.fit.who and trial.fit.records == 1 and self._affords(2 * self._numbers(trial.fit.who))
         return not affords or self.null.p_value(self._beside(trial.fit)) < self.rules.alarm
 
     def is_confirmed(self, trial: Hypothesis, late: Candidate) -> bool:
-        """Whether an effect of which `fit` shows nothing is needed on `select`, and shows on `verify`.
+        """Tell whether an effect that does not show on `fit` is needed on `select` and shows on `verify`.
 
-        What it explains must not be what the others explain once they, too, are fitted to both records; nor, where there are no
-        others, what the best single effect does.
+        The other effects, refitted to both records, must not explain as much without it; nor, where there are no others, the
+        best single effect.
         """
         k, least = trial.fit.who.index(late), self.rules.join * max(1.0, trial.chi2 / self.floor)
         if self.third is None or not shown_by(self.third, trial.fit, without_one(trial.fit.effects, k), self.rules):
@@ -383,7 +383,7 @@ class Explanations:
             rivals.append((list(alone.who), list(alone.values)))
         for who, values in rivals:
             other = self.fits.fit(who, values, limit=self._limit(), both=True)
-            # What was given up for want of simulations says nothing.
+            # A rival fit that ran out of simulations decides nothing, so that the effect is not confirmed.
             told = other.converged or self.first.mechanism.runs < self._limit()
             if not told or self.trial_of(other).score - trial.score <= least:
                 return False
@@ -393,5 +393,5 @@ class Explanations:
 
 
 def without_one(items: Sequence[T], k: int) -> list[T]:
-    """All items but one."""
+    """Return all items but number `k`."""
     return [*items[:k], *items[k + 1 :]]

@@ -1,7 +1,7 @@
 """Fitting the parameters of effects to a record: bounded Levenberg-Marquardt that spends few simulations.
 
-The first derivatives come from the bank's signatures where they tell them, and are then kept up by Broyden's rank-one updates.
-Differences are taken only where neither helps, and once at the end, since intervals come from them.
+The first Jacobian comes from the bank's signatures where they allow it, and is then kept up by Broyden's rank-one updates.
+Finite differences are taken only where neither helps, and in `polish`, since intervals come from them.
 
 Source: Broyden, Mathematics of Computation 19, 1965; Levenberg, Quarterly of Applied Mathematics 2, 1944.
 """
@@ -22,69 +22,69 @@ from gsbridge.geometry import Array
 
 _ROUNDS = 12
 _SMALL = 0.05
-"""Squared residual that a further step would have to win, in units of the noise, to be worth a simulation."""
+"""Reduction of the squared residual, in units of the noise, that a further step must promise to be worth a simulation."""
 
 _SHARE = 1e-4
-"""Share of the squared residual that a further step would have to win to be worth a simulation."""
+"""Share of the squared residual that a further step must promise to remove; the larger of this and `_SMALL` counts."""
 
 _STEP = 5e-3
 """Step of finite differences, in shares of a parameter's scale."""
 
 _UNSURE = 0.2
-"""Spread of the step's error after it was taken off, in multiples of what a finer step changes."""
+"""Standard deviation of the time step's error that remains after correction, in multiples of the change by a finer step."""
 
 _REACH = 3.0
-"""Longest step, in scales."""
+"""Longest step of a fit, in scales of the coordinates."""
 
 _MOST = 10
-"""Simulations that a fit from signatures may take, beside half as many again as it has parameters."""
+"""Simulations that a fit from signatures may take, plus one and a half for each parameter."""
 
 _SHORTENED = 3
-"""How often a step that bounds turn into a loss is made shorter."""
+"""How often a step that is no gain once bounds have cut it is tried again with more damping."""
 
 _NOISY = 1.5
-"""Squared residual of a number, in units of the noise, up to which a fit leaves noise alone."""
+"""Mean squared residual, in units of the noise, up to which a fit counts as leaving only noise."""
 
 _HIDDEN = 1e-2
-"""Share of the strongest parameter's influence below which one does not show."""
+"""Singular value of the scaled Jacobian, as a share of the largest, up to which a direction of the parameters does not show."""
 
 
 _APART = 0.25
-"""Relative difference of two starts in some parameter from which on a fit from the second is no repetition."""
+"""Relative difference of two starts in some parameter above which a fit from the second is worth while."""
 
 _OCTAVES = (0.5, 0.25, 0.125, 0.0625)
-"""Steps, in doublings, by which the best size of what begins at a threshold is sought before it is fitted."""
+"""Steps, in doublings, of the search for the best size of an effect with a threshold, before it is fitted."""
 
 _NEARBY = (0.96, 0.98, 1.02, 1.04)
-"""Multiples of a size of what begins at a threshold at which it may do better than where slopes have led."""
+"""Multiples of the fitted size of an effect with a threshold that are tried after a fit, since derivatives may mislead it."""
 
 _NOTHING = 1e-150
-"""Square of a derivative, in units of the noise, that is none."""
+"""Squared derivative, in units of the noise, up to which it counts as zero."""
 
 
 class ReplayedRecords(Protocol):
-    """Records as a fit sees them; residuals and what is like them have any one shape."""
+    """The interface to one or more records that a fit needs; all residual-like arrays of an object have the same shape."""
 
     @property
     def mechanism(self) -> Mechanism:
-        """What replays them."""
+        """The mechanism that replays the records."""
 
     @property
     def replays(self) -> int:
-        """Simulations that one residual takes."""
+        """Number of simulations that one residual takes."""
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
-        """Measured less simulated, in units of the noise."""
+        """Compute measured less simulated, in units of the noise."""
 
     def stepping(self) -> Array:
-        """What another step of time changes in the nominal replay."""
+        """Compute the change of the nominal replay by another time step, in units of the noise."""
 
     def stepping_beyond(self, effects: Sequence[Applied]) -> Array:
-        """What a vanishing step would change with effects, beyond that."""
+        """Compute what a vanishing time step changes in a replay with effects, beyond its change of the nominal one."""
 
 
 class _Problem:
-    """Residuals of a record as a function of the coordinates of several candidates' parameters."""
+    """Residuals as a function of the fit coordinates of several candidates."""
 
     def __init__(self, view: ReplayedRecords, who: Sequence[Candidate], weighted: bool = True) -> None:
         self.view, self.who = view, tuple(who)
@@ -92,7 +92,7 @@ class _Problem:
         self.cuts = np.cumsum([len(candidate.effect.parameters) for candidate in who])[:-1]
 
     def at(self, values: Sequence[Mapping[str, float]]) -> Array:
-        """Coordinates of the candidates' parameters."""
+        """Convert the candidates' parameters to coordinates. [P]."""
         parts = [candidate.vector(one) for candidate, one in zip(self.who, values, strict=True)]
         return self.coordinates.of(np.concatenate([np.zeros(0), *parts]))
 
@@ -107,11 +107,11 @@ class _Problem:
         return self.view.mechanism.runs
 
     def derivatives_afforded(self, limit: float) -> bool:
-        """Whether derivatives by all parameters take no more simulations than are left."""
+        """Tell whether simulations for derivatives by all parameters are left, up to `limit` in total."""
         return self.runs + len(self.coordinates) * self.view.replays < limit
 
     def untouched(self, vector: Array, residual: Array) -> EffectFit:
-        """A fit that was given up where it began."""
+        """Return a fit that was given up at its start."""
         unsure = np.full(len(vector), np.inf)
         chi2 = float(residual @ residual)
         return EffectFit(self.who, self.effects(vector), chi2, False, unsure, 0.0, len(vector), self.view.replays)
@@ -120,7 +120,7 @@ class _Problem:
         return self.view.residual(self.effects(vector)).ravel()
 
     def difference(self, vector: Array, residual: Array, k: int) -> Array:
-        """Derivative by one coordinate, towards the farther bound."""
+        """Compute the derivative by one coordinate, with a step towards the farther bound. [residuals]."""
         low, high = self.coordinates.bounds(vector)
         h = _STEP * self.coordinates.scale(vector)[k] * (1.0 if high[k] - vector[k] > vector[k] - low[k] else -1.0)
         moved = vector.copy()
@@ -128,15 +128,15 @@ class _Problem:
         return (self.residual(moved) - residual) / h
 
     def differences(self, vector: Array, residual: Array) -> Array:
-        """Derivatives by all coordinates. [residuals, P]."""
+        """Compute derivatives by all coordinates. [residuals, P]."""
         return np.stack([self.difference(vector, residual, k) for k in range(len(vector))], axis=1)
 
     def step(self, vector: Array, residual: Array, jacobian: Array, damping: float) -> tuple[Array, float]:
-        """Coordinates after a damped step within the bounds, and what the step should win."""
+        """Compute the coordinates after a damped step within the bounds, and the promised reduction of the squared residual."""
         scale, (low, high) = self.coordinates.scale(vector), self.coordinates.bounds(vector)
         gradient, curvature = jacobian.T @ residual, jacobian.T @ jacobian
         free = ~(((vector <= low) & (gradient > 0)) | ((vector >= high) & (gradient < 0)))
-        # What does not show is left where it is.
+        # Parameters that do not show stay where they are.
         shown = np.sqrt(np.diag(curvature)) * scale
         free &= shown > 1e-6 * shown.max()
         move = np.zeros_like(vector)
@@ -151,7 +151,7 @@ class _Problem:
             out = free & ((new < low) | (new > high))
             if not out.any():
                 break
-            # Those that hit a bound stay there while the others move on.
+            # Coordinates that hit a bound stay there while the others move on.
             free &= ~(out & ((vector <= low) | (vector >= high)))
             break
         aimed, tried = vector + np.clip(move, -_REACH * scale, _REACH * scale), []
@@ -176,16 +176,16 @@ def fit(
     Args:
         view: The record to fit.
         who: Candidates.
-        start: Parameters of each to start from.
-        bar: Squared residual that a rival has reached: a fit that is not on its way there is given up, unconverged.
+        start: Start parameters of each candidate.
+        bar: Squared residual that a rival has reached; a fit that will not come near it is given up, unconverged.
         screen: Signatures on that record, for the first derivatives.
-        limit: Simulations of the mechanism, those before included, at which a fit is given up, unconverged.
+        limit: Total count of the mechanism's simulations at which a fit is given up, unconverged.
         known: Derivatives by the parameters of the first candidates, near the start. [residuals, parameters].
     """
     problem = _Problem(view, who)
     x = problem.at(start)
     if screen is not None:
-        # One that creeps along would take what others need.
+        # A fit that converges slowly must not use up the simulations of others.
         limit = min(limit, problem.runs + _MOST + 3 * len(x) // 2)
     r = problem.residual(x)
     if screen is None and known is None and not problem.derivatives_afforded(limit):
@@ -200,22 +200,22 @@ def fit(
 
 
 def derivatives(view: ReplayedRecords, fitted: EffectFit) -> Array:
-    """Derivatives of residuals by the parameters of a fit, where it ended, by differences. [residuals, parameters]."""
+    """Compute derivatives of residuals by the fitted parameters, by finite differences. [residuals, parameters]."""
     problem = _Problem(view, fitted.who, weighted=False)
     x = problem.at(fitted.values)
     return problem.differences(x, problem.residual(x)) if len(x) else np.empty((view.residual().size, 0))
 
 
 def ordered(view: ReplayedRecords, match: SignatureMatch, affords: Callable[[int], bool]) -> tuple[dict[str, float], ...]:
-    """Starts of a fit, the better of the first two first, where signatures alone leave it open.
+    """Order the starts of a fit: simulate the first two, if signatures cannot decide between them, and put the better first.
 
     Args:
         view: The record to fit.
         match: The candidate and its starts.
-        affords: Whether so many simulations are left.
+        affords: Whether a number of simulations is left.
     """
     first, *others = match.starts
-    # Where signatures blend, a fit finds its way from any of them.
+    # If signatures of different shape parameters blend, a fit converges from any of the starts.
     if match.candidate.effect.blends or match.candidate.effect.threshold or not others or not affords(4):
         return match.starts
     left = [float((view.residual((match.candidate.applied(values),)) ** 2).sum()) for values in (first, others[0])]
@@ -223,13 +223,13 @@ def ordered(view: ReplayedRecords, match: SignatureMatch, affords: Callable[[int
 
 
 def nearer(view: ReplayedRecords, who: Candidate, start: dict[str, float], affords: Callable[[int], bool]) -> dict[str, float]:
-    """A start nearer to the best size of what begins at a threshold: a signature tells nothing of sizes beside its own.
+    """Search for a better start of an effect with a threshold, since its signature tells nothing of other sizes.
 
     Args:
         view: The record to fit.
         who: The candidate.
-        start: Its parameters by its signature.
-        affords: Whether so many simulations are left.
+        start: Parameters of its best signature.
+        affords: Whether a number of simulations is left.
     """
     if not who.effect.threshold or len(who.effect.parameters) > 1 or not affords(2 * len(_OCTAVES) + 3):
         return start
@@ -240,7 +240,7 @@ def nearer(view: ReplayedRecords, who: Candidate, start: dict[str, float], affor
     best, values = squares(start), start
     for step in _OCTAVES:
         for turned in (step, -step):
-            # On as long as it helps: what first stands out may be a third of what is there.
+            # Go on as long as it helps: the true size may be three times that of the smallest visible signature.
             while affords(4):
                 tried = who.effect.scaled(values, 2.0**turned)
                 if (left := squares(tried)) >= best:
@@ -250,28 +250,28 @@ def nearer(view: ReplayedRecords, who: Candidate, start: dict[str, float], affor
 
 
 def polish(view: ReplayedRecords, rough: EffectFit, limit: float = np.inf) -> EffectFit:
-    """Improve a fit: derivatives are taken anew where it ended, and at most a few steps more are made.
+    """Improve a fit: take derivatives anew where it ended, and make a few more steps.
 
     Args:
         view: The record to fit.
         rough: The fit to start from.
-        limit: Simulations of the mechanism, those before included, at which a fit is given up, unconverged.
+        limit: Total count of the mechanism's simulations at which a fit is given up, unconverged.
     """
     problem = _Problem(view, rough.who)
     x = problem.at(rough.values)
     r = problem.residual(x)
     jacobian = problem.differences(x, r)
-    # An estimate that stops a standard deviation short of the best one is no estimate to put an interval around.
+    # Do not stop early for a small gain (`share`): an interval needs an estimate well within a standard deviation of the best.
     return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0, last=True, limit=limit)
 
 
 def settled(view: ReplayedRecords, fitted: EffectFit, limit: float = np.inf) -> EffectFit:
-    """A fit whose sizes of what begins at a threshold are no better a little smaller or larger, where slopes lead astray.
+    """Try slightly smaller and larger sizes of effects with a threshold, where derivatives mislead, and refit from the best.
 
     Args:
         view: The record to fit.
         fitted: The fit.
-        limit: Simulations of the mechanism, those before included, at which it is given up.
+        limit: Total count of the mechanism's simulations at which this is given up.
     """
     best, chi2 = fitted.values, float((view.residual(fitted.effects) ** 2).sum())
     for k, candidate in enumerate(fitted.who):
@@ -289,7 +289,7 @@ def settled(view: ReplayedRecords, fitted: EffectFit, limit: float = np.inf) -> 
 
 
 def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, float]], screen: Screen | None) -> Array:
-    """Derivatives at the start: from signatures, and by differences where they do not tell."""
+    """Compute derivatives at the start: from signatures, and by differences where these do not give them."""
     if screen is None:
         return problem.differences(x, r)
     columns = np.concatenate([-screen.columns(who, values) for who, values in zip(problem.who, start, strict=True)], axis=1)
@@ -310,9 +310,9 @@ def _descend(
     last: bool = False,
     limit: float = np.inf,
 ) -> EffectFit:
-    """Steps until none could win anything: less than `share` of the squared residual, or less than noise tells.
+    """Make steps until none promises more than `_SMALL` and more than `share` of the squared residual.
 
-    The `last` fit also asks what the step of time does where it ends, which limits and dry friction magnify.
+    The `last` fit also simulates the error of the time step at its end, which limits and dry friction magnify.
     """
     best, damping, settled, failures = float(r @ r), 1e-4, False, 0
     for _ in range(_ROUNDS):
@@ -320,12 +320,11 @@ def _descend(
         for _ in range(_SHORTENED):
             if promise >= -max(_SMALL, share * best):
                 break
-            # Bounds turned a step that is too long into one that loses: no end, but a reason for a shorter one.
+            # Bounds cut a step that was too long, so that it loses: this is no convergence; try a shorter step.
             damping = max(damping, 1e-3) * 20.0
             new, promise = problem.step(x, r, jacobian, damping)
         if promise < max(_SMALL, share * best):
-            # Derivatives that were carried along may see no way down where there is one: they are taken once more, unless
-            # noise alone is left, or a rival is ahead for good.
+            # Updated derivatives may miss a way down: take them anew, unless only noise is left or a rival is far ahead.
             if fresh or best < _NOISY * len(r) or best > 2.0 * bar or not problem.derivatives_afforded(limit):
                 settled = True
                 break
@@ -337,7 +336,7 @@ def _descend(
         r_new = problem.residual(new)
         chi2, moved = float(r_new @ r_new), new - x
         scaled = moved / problem.coordinates.scale(x) ** 2
-        # What the step did is what the derivatives should have said.
+        # Broyden's update: the new derivatives reproduce what the step has changed.
         jacobian = jacobian + np.outer(r_new - r - jacobian @ moved, scaled / (moved @ scaled))
         if chi2 < best:
             won = best - chi2
@@ -350,21 +349,21 @@ def _descend(
             damping, failures = max(damping, 1e-3) * 20.0, failures + 1
             if failures >= 3:
                 if fresh:
-                    # Kinks (dry friction, limits) keep a promise that no step fulfils.
+                    # At a kink (dry friction, limits), steps may promise a small gain that none achieves: that is convergence.
                     settled = promise < max(20 * _SMALL, 10 * _SHARE * best)
                     break
                 if not problem.derivatives_afforded(limit):
                     break
                 jacobian = problem.differences(x, r)
                 damping, failures, fresh = 1e-3, 0, True
-    # Intervals are those of the parameters, whatever coordinates the fit moved in.
+    # Intervals are those of the parameters, not of the coordinates in which the fit moved.
     jacobian = jacobian @ np.linalg.inv(problem.coordinates.slopes(x))
     curvature = jacobian.T @ jacobian
-    # Of what does not show at all nothing is known.
+    # A parameter that does not show at all has an infinite deviation.
     hidden = np.diag(curvature) <= _NOTHING
     scale = np.where(hidden, 0.0, 1.0 / np.sqrt(np.maximum(np.diag(curvature), _NOTHING)))
     covariance = np.linalg.pinv(curvature * np.outer(scale, scale), rcond=1e-10) * np.outer(scale, scale)
-    # What is not sure about the step of time moves the estimates as noise does.
+    # The remaining error of the time step moves the estimates as noise does.
     astray = _UNSURE * covariance @ (jacobian.T @ problem.view.stepping().ravel())
     beyond = covariance @ (jacobian.T @ problem.view.stepping_beyond(problem.effects(x)).ravel()) if last else 0.0
     deviations = np.where(hidden, np.inf, np.sqrt(np.maximum(np.diag(covariance), 0.0) + astray**2 + beyond**2))
@@ -379,5 +378,5 @@ def _descend(
 
 
 def differ(some: dict[str, float], others: dict[str, float]) -> bool:
-    """Whether two starts of a fit are worth a fit each."""
+    """Tell whether two starts differ enough to be worth a fit each."""
     return any(abs(some[name] - others[name]) > _APART * max(abs(some[name]), abs(others[name])) for name in some)

@@ -1,4 +1,4 @@
-"""What a candidate effect changes beside an explanation, and which of several promise most."""
+"""Looks: the change that a candidate effect makes beside an explanation, and the order in which candidates are fitted."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.geometry import Array
 
 _NEARLY, _ALIKE = 0.8, 0.95
-"""Shares of an effect's gain that others must reach to be told in its place: a simpler effect on the same joint, and one that
-acts nearer to the command."""
+"""Shares of the best effect's gain that another on the same joint must reach to be preferred: one with fewer parameters, and
+one with as many that acts nearer to the command."""
 
 _FACTORS = (0.1, 10.0)
-"""Range of the guess at a candidate's size, in multiples of the size at which it was simulated."""
+"""Range within which a candidate's size is guessed, in multiples of the size at which it was simulated."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a candidate changes beside some explanation.
+    """Change that a candidate makes beside some explanation.
 
     Args:
         candidate: The candidate.
-        values: Its parameters there.
-        change: In all records, in units of the noise. [sum of T C].
+        values: Parameters at which it was simulated.
+        change: Change of the residuals of all records, in units of the noise. [sum of T C].
     """
 
     candidate: Candidate
@@ -33,15 +33,15 @@ class Look:
     change: Array
 
     def beside(self, basis: Array) -> Look:
-        """Part of the change that no other effect can make: what is left of it beside the directions of the others.
+        """Keep the part of the change that other effects cannot make: the part orthogonal to their derivatives.
 
         Args:
-            basis: Orthonormal directions in which the residual moves with the parameters of others. [sum of T C, P].
+            basis: Orthonormal basis of the residual's derivatives by the parameters of the others. [sum of T C, P].
         """
         return replace(self, change=self.change - basis @ (basis.T @ self.change))
 
     def guess(self, row: Array) -> tuple[float, float]:
-        """Factor that fits a residual best, and by how much the candidate then reduces its square. [sum of T C]."""
+        """Compute the factor that fits a residual best, and by how much it then reduces the square. [sum of T C]."""
         along, size = float(self.change @ row), float(self.change @ self.change)
         if size <= 0.0:
             return 1.0, 0.0
@@ -49,21 +49,24 @@ class Look:
         return factor, 2.0 * factor * along - factor**2 * size
 
     def scaled(self, factor: float) -> dict[str, float]:
-        """Parameters times a factor."""
+        """Return the parameters with the amplitudes times a factor."""
         out: dict[str, float] = self.candidate.effect.scaled(self.values, factor)
         return out
 
 
 def key_of(candidate: Candidate, values: dict[str, float]) -> tuple[Candidate, tuple[float, ...]]:
-    """What a candidate's change stands for: all of its sizes, or this one alone where it begins at a threshold."""
+    """Return the key under which a look is kept: one for all sizes, or one per size for an effect with a threshold."""
     return candidate, tuple(values.values()) if candidate.effect.threshold else ()
 
 
 def plainest_first(found: list[tuple[float, Look]]) -> list[tuple[float, Look]]:
-    """Candidates in order of merit, with the best one behind a plainer one that does about as well.
+    """Move a plainer candidate that does about as well before the best one.
 
-    Plainer is what has fewer parameters on the same joint; or, of effects with as many that act on the same joints, what takes
-    hold nearer to the command, so that two that no motion tells apart are always told by the same name.
+    An effect on the same joint is plainer if it has fewer parameters, or as many and acts nearer to the command. Of two effects
+    that no motion tells apart, the same one is therefore always chosen.
+
+    Args:
+        found: Gains and looks, the largest gain first.
     """
     if not found:
         return []

@@ -1,4 +1,4 @@
-"""Several records seen at once: their residuals side by side, so that one fit serves them all."""
+"""Residuals of several records joined into one vector, so that one fit serves them all."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _LARGE = 2.5
-"""Multiple of the median residual of a moment beyond which something else happened, perhaps."""
+"""Multiple of the median residual above which a moment gets less weight, since something else may have happened there."""
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class PooledResiduals:
     """Records of one mechanism as one long row of residuals, in units of each channel's noise.
 
     Args:
-        views: Of the records.
-        weights: Factors of the residuals, at most 1; all 1 where there are none. [sum of T C].
+        views: Residuals on each record.
+        weights: Factors of the residuals, at most 1; None for 1 throughout. [sum of T C].
     """
 
     views: tuple[JointResiduals, ...]
@@ -30,30 +30,34 @@ class PooledResiduals:
 
     @property
     def mechanism(self) -> Mechanism:
-        """What replays them."""
+        """The mechanism that replays the records."""
         return self.views[0].mechanism
 
     @property
     def replays(self) -> int:
-        """Simulations that one residual takes."""
+        """Number of simulations that one residual takes."""
         return len(self.views)
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
-        """Measured less simulated. [sum of T C]."""
+        """Compute measured less simulated. [sum of T C]."""
         return self._joined([view.residual(effects) for view in self.views])
 
     def stepping(self) -> Array:
-        """What another step of time changes in the nominal replays. [sum of T C]."""
+        """Compute the change of the nominal replays by a finer time step. [sum of T C]."""
         return self._joined([view.stepping() for view in self.views])
 
     def stepping_beyond(self, effects: Sequence[Applied]) -> Array:
-        """What a vanishing step would change with effects, beyond that. [sum of T C]."""
+        """Compute what a vanishing time step changes in replays with effects, beyond its change of the nominal ones.
+
+        [sum of T C].
+        """
         return self._joined([view.stepping_beyond(effects) for view in self.views])
 
     def robust(self, effects: Sequence[Applied]) -> PooledResiduals:
-        """Residuals with less weight for moments that these effects leave unexplained: an arm that leans on a table, a push.
+        """Give less weight to moments that these effects leave unexplained: an arm that leans on a table, a push.
 
-        A moment whose residual exceeds `_LARGE` times the median one counts as much as one of that size.
+        A moment whose residual exceeds `_LARGE` times the median is scaled down to the root of its size times that threshold,
+        so that its square grows only linearly with its size.
 
         Source: Huber, Annals of Mathematical Statistics 35, 1964.
         """
@@ -70,7 +74,7 @@ class PooledResiduals:
         return row if self.weights is None else self.weights * row
 
     def parts(self, row: Array) -> list[Array]:
-        """A row cut into records. [sum of T C] -> [T, C] each."""
+        """Cut a row into records. [sum of T C] -> [T, C] each."""
         pieces = np.split(row, self.edges)
         return [piece.reshape(len(view.record.time), -1) for piece, view in zip(pieces, self.views, strict=True)]
 
@@ -81,22 +85,23 @@ class PooledResiduals:
 
 
 _NOTHING = 1e-75
-"""Derivative, in units of the noise, that is none."""
+"""Length of a column of derivatives, in units of the noise, up to which it counts as zero."""
 
 _MOMENTS = 25
-"""Parts of each record that are taken for independent of each other."""
+"""Number of blocks of time per record whose residuals are taken to be independent of each other."""
 
 
 def spread_of(both: PooledResiduals, effects: Sequence[Applied], jacobian: Array) -> Array:
-    """Standard deviations of a fit's parameters, from how much parts of the residuals pull them apart. [P].
+    """Compute standard deviations of a fit's parameters by sandwich estimators, which allow for errors of the model. [P].
 
-    Where a model errs, residuals are of one sign for long, and of another size where it moves otherwise: their curvature alone
-    is far too sure. Parts are moments, which tell errors that come and go, or frequencies, whose phases no law ties to the
-    motion's: what a fit leaves is at right angles to what it fits, moment by moment, where an error comes back with the motion.
+    Where a model errs, residuals keep their sign for long and change size with the motion, so that deviations from the
+    curvature alone are far too small. The gradient is split into parts that are taken for independent, in two ways. Blocks of
+    time show errors that come and go. They miss errors that return with the motion, since a fit leaves little gradient in each
+    block then; frequencies, taken with random phases, show those. The largest estimate of each parameter counts.
 
     Args:
-        both: The records that it was fitted to.
-        effects: What was fitted, with its parameters.
+        both: The fitted records.
+        effects: Fitted effects with their parameters.
         jacobian: Derivatives of the residuals by these parameters. [sum of T C, P].
 
     Source: White, Econometrica 50, 1982; in blocks of time after Newey and West, Econometrica 55, 1987; in frequencies after
@@ -114,10 +119,10 @@ def spread_of(both: PooledResiduals, effects: Sequence[Applied], jacobian: Array
         shapes, left = (values.reshape(len(view.record.time), len(view.channels), -1) for values in (shapes, left))
         pulls, length = (shapes * left).sum(axis=1), max(1, len(left) // _MOMENTS)
         moments += [pulls[k : k + length].sum(axis=0) for k in range(0, len(pulls), length)]
-        # Channels of one motion keep their phases to each other. The sum over positive and negative frequencies is the pull.
+        # Channels are summed at each frequency, since they share one motion. The sum over all frequencies is the gradient.
         moved, left = np.fft.fft(shapes, axis=0), np.fft.fft(left, axis=0)
         lines += list((moved.conj() * left).sum(axis=1) / len(left))
     meats = [np.real(np.stack(parts).T @ np.stack(parts).conj()) for parts in (moments, lines)]
     variances = [np.diag(curvature @ meat @ curvature) for meat in meats]
-    # Of what does not show at all nothing is known.
+    # A parameter that does not show at all has an infinite deviation.
     return np.where(hidden, np.inf, np.sqrt(np.maximum.reduce([*variances, np.diag(curvature), np.zeros(len(sizes))])) * scale)

@@ -1,5 +1,8 @@
-"""A record seen through a mechanism: residuals in units of the noise, less what the unknown initial state explains, and the
-unknown way of the commands between two samples."""
+"""Residuals of a record under a mechanism, in units of the noise.
+
+Their parts along nuisance directions are taken out: changes of the unknown initial state, and changes of how commands go on
+between two samples.
+"""
 
 from __future__ import annotations
 
@@ -22,36 +25,37 @@ from gsbridge.gap.joints.sensitivity import FINE, KINDS, Sensitivity, sensitivit
 from gsbridge.geometry import Array
 
 HORIZON = 1.0
-"""Length of the stretches into which records of mechanisms without position feedback are cut, s: errors grow over time there,
-and a restart from what was measured keeps the later ones readable."""
+"""Length of the stretches into which records of mechanisms without position feedback are cut, s: their errors grow over time,
+and a restart from the measured state keeps the later ones small."""
 
 _WINDOW = 0.06
-"""Time over which a state is read from the measurements, s."""
+"""Length of the window of samples from which a state is estimated, s."""
 
 _BROKEN = 1e3
 """Residual given to a simulation that diverged, in units of the noise."""
 
 _RICHARDSON = FINE / (FINE - 1)
-"""Multiple of what the finer step changes that a vanishing step would change: the scheme's error is of first order."""
+"""Richardson extrapolation: change by a vanishing time step, in multiples of that by the finer step. The error is of first
+order in the step."""
 
 _SEEN = 0.1
-"""Length, in units of the noise, below which it does not matter how commands go on between their samples."""
+"""Length of the change by curved commands between samples, in units of the noise, up to which it is not taken out."""
 
 _ROUNDED = 0.5
-"""Error of rounding, in units of all noise, from which on rounding makes most of it."""
+"""Standard deviation of an encoder's rounding, in units of the noise, above which rounding makes up most of the noise."""
 
 _STILL = 0.02
-"""Share of a joint's speed, root mean square, below which it is at rest."""
+"""Share of a joint's root mean square speed below which it counts as at rest."""
 
 _FORGOTTEN = float(np.exp(-1.0))
-"""Share of a displacement to which a controller has pulled it in after its time constant."""
+"""Share of a displacement that is left after one time constant of the controller."""
 
 _KEPT = 128
-"""Replays kept in memory: fits, their checks and bootstraps ask for some of them again."""
+"""Number of replays kept in memory, since fits, checks and bootstraps ask for some of them again."""
 
 
 def spans_of(record: Record, system: MechanismModel) -> list[Span]:
-    """Stretches in which a record is replayed: whole under position feedback, else cut at `HORIZON`."""
+    """Cut a record into the stretches that are replayed: the whole record under position feedback, else parts of `HORIZON`."""
     total = len(record.time)
     if system.controller.closed_loop:
         return [(0, total)]
@@ -64,7 +68,7 @@ def spans_of(record: Record, system: MechanismModel) -> list[Span]:
 
 
 def state_at(record: Record, row: int) -> State:
-    """Positions and speeds of the joints at a sample, by a parabola through the samples around it. [N], [N]."""
+    """Estimate positions and speeds of the joints at sample `row` by a parabola through the samples around it. [N], [N]."""
     count = len(record.time)
     reach = max(3, round(_WINDOW / record.period / 2))
     first, last = max(0, row - reach), min(count, row + reach + 1)
@@ -74,7 +78,7 @@ def state_at(record: Record, row: int) -> State:
     position = record.measured["position"][first:last]
     rows, values = np.stack([np.ones_like(time), time, time**2], axis=1), position
     if "velocity" in record.measured:
-        # Positions and speeds together, each weighed by its own spread.
+        # Fit positions and speeds together, each weighted by its noise.
         weight = _spread(position) / np.maximum(_spread(record.measured["velocity"][first:last]), 1e-12)
         weight = np.clip(weight, 1e-6, record.period * 10).mean()
         rows = np.concatenate([rows, weight * np.stack([0 * time, np.ones_like(time), 2 * time], axis=1)])
@@ -88,7 +92,7 @@ def _spread(values: Array) -> Array:
 
 
 def _behind(still: Array, memory: int) -> Array:
-    """The first `memory` samples after each rest of at least that length; a reversal is shorter. [T] -> [T]."""
+    """Mark the first `memory` samples after each rest of at least that length; reversals are shorter. [T] -> [T]."""
     out = np.zeros(len(still), bool)
     for begin, end in stretches(still):
         if end - begin >= memory:
@@ -101,15 +105,15 @@ class JointResiduals:
     """A record, the mechanism that replays it, and the noise.
 
     Args:
-        mechanism: Simulates.
+        mechanism: The mechanism that replays the record.
         record: Commands and measurements.
-        spans: Stretches.
-        states: Initial state of each stretch as measured.
-        sigma: Noise of each channel. [C].
+        spans: Stretches that are replayed: first sample of each, and the one behind its last.
+        states: Initial state of each stretch: measured, or commanded if the joints were not measured.
+        sigma: Standard deviation of each channel's noise, SI units. [C].
         channels: Kind and joint of each channel, in the order of the residuals' columns.
-        frame: How the replay moves with its initial state and its step.
-        records: From how many the noise was estimated.
-        colour: How neighbouring samples of the noise are alike; None for white noise.
+        frame: Derivatives of the nominal replay by its initial state and its time step.
+        records: Number of records from which the noise was estimated.
+        colour: Autocorrelation of the noise; None for white noise.
         kept: Samples that count; None for all. [T] bool.
     """
 
@@ -130,22 +134,23 @@ class JointResiduals:
     def of(
         cls, mechanism: Mechanism, record: Record, effects: Sequence[Applied] = (), folder: str | Path | None = None
     ) -> JointResiduals:
-        """Residuals of a record, replayed from its measured first states.
+        """Make the residuals of a record, replayed from its measured first states.
 
         Args:
-            mechanism: Simulates.
-            record: Commands and measurements. The noise is what it states, or what is left above all motion after a replay.
-            effects: Effects in the replay that the record is compared with.
-            folder: Keeps what depends on the commands only; None to compute it here.
+            mechanism: The mechanism that replays the record.
+            record: Commands and measurements. The noise is estimated from fast changes of the residual; it is at least what
+                the record states.
+            effects: Effects in the replay from which the noise is estimated.
+            folder: Folder that keeps sensitivities from run to run; None to keep nothing.
         """
         system = mechanism.system
         spans = spans_of(record, system)
         if "position" in record.measured:
             states = [state_at(record, first) for first, _ in spans]
         else:
-            # Nobody measured the joints: they begin where they are told to be.
+            # The joints were not measured: they begin at their commands.
             states = start_states(mechanism, record, spans, ())
-        # What the controller asks is the command itself where nothing is fed back.
+        # Without feedback, the logged effort is the command itself and tells nothing.
         kinds = [k for k in KINDS if k in record.measured and (k != "effort" or system.controller.closed_loop)]
         channels = tuple((kind, k) for kind in kinds for k in range(record.measured[kind].shape[1]))
         frame = sensitivity_of(mechanism, record, spans, states, folder)
@@ -157,11 +162,14 @@ class JointResiduals:
         return view
 
     def simulate(self, effects: Sequence[Applied] = ()) -> dict[str, Array]:
-        """Outputs of the mechanism with effects."""
+        """Simulate the outputs of the mechanism with effects, SI units. Each [T, N]; `tool` [T, 3]."""
         return self.mechanism.run(self.record, apply_effects(self.mechanism, effects), self.spans, self.states)
 
     def replay(self, effects: Sequence[Applied] = ()) -> Array:
-        """Simulated channels side by side, remembered, without the step's own error in the nominal motion. [T, C]."""
+        """Simulate the channels, corrected for the time step's error in the nominal motion, SI units. [T, C].
+
+        Replays are kept in memory.
+        """
         key = repr([effect.record() for effect in effects])
         if key not in self._replays:
             if len(self._replays) >= _KEPT:
@@ -170,26 +178,26 @@ class JointResiduals:
         return self._replays[key]
 
     def stack(self, outputs: Mapping[str, Array]) -> Array:
-        """Channels side by side, SI units. [T, C]."""
+        """Put the channels side by side, SI units. [T, C]."""
         return np.stack([outputs[kind][:, k] for kind, k in self.channels], axis=1)
 
     def _raw(self, replayed: Array) -> Array:
         return self.stack(self.record.measured) - replayed
 
     def _noise(self, residual: Array) -> Array:
-        """Noise of each channel. [T, C] -> [C]."""
+        """Estimate the noise of each channel from a residual, SI units. [T, C] -> [C]."""
         out = np.empty(len(self.channels))
         inside = np.where(np.isfinite(residual), residual, 0.0)
         found = np.median([white_noise(inside[a:b]) for a, b in self.spans if b - a > 20] or [white_noise(inside)], axis=0)
         for column, (kind, k) in enumerate(self.channels):
             declared = self.record.sigma.get(kind)
             quantum = self.record.quantum[kind][k] if kind in self.record.quantum else 0.0
-            # White noise that is there cannot be less because a file says so.
+            # A stated noise may raise the estimate, but not lower it below the white noise that is in the data.
             out[column] = max(found[column], 0.0 if declared is None else declared[k], quantum / np.sqrt(12), 1e-12)
         return out
 
     def _find_nuisance(self) -> None:
-        """Directions in which the outputs move with the initial state; residuals are taken orthogonal to them."""
+        """Find the directions in which the outputs move with the initial state; residuals are made orthogonal to them."""
         columns = [self._counted(self.decoloured(self._columns(nudge) / self.sigma)) for nudge in self.frame.nudges]
         self._basis = []
         for first, end in self.spans:
@@ -200,11 +208,11 @@ class JointResiduals:
         curve = self.project(self.decoloured(np.nan_to_num(self._columns(self.frame.curving)) / self.sigma))
         size = float(np.linalg.norm(curve))
         if size > _SEEN:
-            # As if the commands' way between two samples were known to one such change.
+            # A normal prior: how commands go on between two samples is uncertain by one such change (standard deviation).
             self._curve, self._less = curve / size, 1.0 - 1.0 / float(np.hypot(1.0, size))
 
     def project(self, whitened: Array) -> Array:
-        """Take out what the initial states explain, and what commands may do between their samples. [T, C] -> [T, C]."""
+        """Take out what initial states, and commands between their samples, explain of whitened values. [T, C] -> [T, C]."""
         whitened, out = self._counted(whitened), np.zeros_like(whitened)
         for (first, end), basis in zip(self.spans, self._basis, strict=True):
             part = whitened[first:end].ravel()
@@ -214,44 +222,44 @@ class JointResiduals:
         return out
 
     def whiten(self, difference: Array) -> Array:
-        """Differences in units of the noise, orthogonal to the initial states. [T, C] -> [T, C]."""
+        """Convert differences from SI units to units of the noise and take out nuisance directions. [T, C] -> [T, C]."""
         scaled = difference / self.sigma
         return self.project(self.decoloured(np.where(np.isfinite(scaled), np.clip(scaled, -1e6, 1e6), _BROKEN)))
 
     def decoloured(self, scaled: Array) -> Array:
-        """Values in units of the noise, less what the samples before tell of its part in them. [T, C] -> [T, C]."""
+        """Whiten values in units of the noise: take off what the samples before predict of coloured noise. [T, C] -> [T, C]."""
         return scaled if self.colour is None else self._by_span(scaled, self.colour.whiten)
 
     def coloured(self, residual: Array) -> Array:
-        """The inverse of `decoloured`. [T, C] -> [T, C]."""
+        """Invert `decoloured`. [T, C] -> [T, C]."""
         return residual if self.colour is None else self._by_span(residual, self.colour.colour)
 
     def _counted(self, values: Array) -> Array:
-        """Values with zeros at samples that do not count. [T, C] -> [T, C]."""
+        """Set values to zero at samples that do not count. [T, C] -> [T, C]."""
         return values if self.kept is None else np.where(self.kept[:, None], values, 0.0)
 
     def _by_span(self, values: Array, act: Callable[[Array], Array]) -> Array:
         return np.concatenate([act(values[first:end]) for first, end in self.spans])
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
-        """Measured less simulated, in units of the noise. [T, C]."""
+        """Compute measured less simulated, in units of the noise. [T, C]."""
         return self.whiten(self._raw(self.replay(effects)))
 
     def residual_of(self, other: Mechanism) -> Array:
-        """Measured less what another model of the mechanism does without effects, in units of the noise. [T, C]."""
+        """Compute measured less the replay by another model without further effects, in units of the noise. [T, C]."""
         moved = other.run(self.record, apply_effects(other, ()), self.spans, self.states)
         return self.whiten(self._raw(self.stack(moved) + self._fine))
 
     def rests(self, effects: Sequence[Applied], joints: Sequence[str]) -> tuple[Array, Array]:
-        """Where the replay with effects holds one of some joints still, and where the controller corrects the place afterwards.
+        """Find samples at which some joint rests in a replay, and those after rests at which the controller corrects it.
 
         Args:
             effects: Effects of the replay.
-            joints: Joints that may be held.
+            joints: Joints that may rest.
 
         Returns:
             Samples at rest, by the replayed positions, and samples within one time constant of the controller after a rest.
-            [T], [T].
+            [T], [T] bool.
         """
         out, behind = np.zeros((2, len(self.record.time)), bool)
         for joint in joints:
@@ -264,16 +272,17 @@ class JointResiduals:
         return out, behind & ~out
 
     def memory(self, joint: int) -> int:
-        """Samples in which a displaced start of a joint falls to 1/e, as the nominal replay tells: all if it never does."""
+        """Count the samples after which a displaced start of a joint has decayed to 1/e in the nominal replay; all if never."""
         first, end = self.spans[0]
         moved = np.abs(self.frame.nudges[joint][first:end, KINDS.index("position"), joint])
         fallen = np.flatnonzero(moved < _FORGOTTEN * moved[0])
         return int(fallen[0]) if len(fallen) else end - first
 
     def tolerance(self) -> Array:
-        """Slow deviations that nobody asks to be explained, in units of the noise: as stated, or an encoder's rounding. [C].
+        """Compute the size of slow deviations that need no explanation, in units of the noise. [C].
 
-        Of a joint that rests, or creeps, an encoder rounds many samples alike; where noise exceeds its step, it does not.
+        It is the stated tolerance, or an encoder's rounding if that is larger: at a joint that rests or creeps, many samples
+        are rounded alike, unless noise exceeds the encoder's step.
         """
         out = np.zeros(len(self.channels))
         for column, (kind, k) in enumerate(self.channels):
@@ -285,13 +294,13 @@ class JointResiduals:
         return out if self.colour is None else out * self.colour.steady
 
     def stepping(self) -> Array:
-        """Change of the nominal replay by another step of time, in units of the noise. [T, C]."""
+        """Compute the change of the nominal replay by a finer time step, in units of the noise. [T, C]."""
         return self.whiten(self._columns(self.frame.stepping))
 
     def stepping_beyond(self, effects: Sequence[Applied]) -> Array:
-        """What a vanishing step of time would change in a replay with effects, beyond what it changes in the nominal one.
+        """Compute what a vanishing time step changes in a replay with effects, beyond its change of the nominal one.
 
-        In units of the noise; zero where the nominal error is not taken off. [T, C].
+        In units of the noise; zero for models whose nominal error is not corrected (not `centred`). [T, C].
         """
         system = self.mechanism.system
         if not system.centred:
@@ -302,45 +311,45 @@ class JointResiduals:
         return self.whiten(_RICHARDSON * (moved + self._fine - self.replay(effects)) - self._fine)
 
     def _columns(self, values: Array) -> Array:
-        """Channels of an array of the frame side by side. [T, kinds, N] -> [T, C]."""
+        """Put the channels of an array of `frame` side by side. [T, kinds, N] -> [T, C]."""
         rows, joints = [KINDS.index(kind) for kind, _ in self.channels], [k for _, k in self.channels]
         return np.asarray(values, dtype=np.float64)[:, rows, joints]
 
     @property
     def replays(self) -> int:
-        """Simulations that one residual takes."""
+        """Number of simulations that one residual takes."""
         return 1
 
     @property
     def freedom(self) -> int:
-        """Independent numbers in a residual."""
+        """Degrees of freedom of a residual: its numbers less the directions of the initial states."""
         return self.count * len(self.channels) - sum(basis.shape[1] for basis in self._basis)
 
     @property
     def count(self) -> int:
-        """Samples that count."""
+        """Number of samples that count."""
         return len(self.record.time) if self.kept is None else int(self.kept.sum())
 
     def set_noise(self, sigma: Array, records: int, colour: NoiseColour | None = None) -> None:
-        """Take another noise.
+        """Set the noise.
 
         Args:
-            sigma: Standard deviation of each channel. [C].
-            records: From how many records it was estimated.
-            colour: How its neighbouring samples are alike; None for white noise.
+            sigma: Standard deviation of each channel, SI units. [C].
+            records: Number of records from which it was estimated.
+            colour: Autocorrelation of the noise; None for white noise.
         """
         self.sigma, self.records, self.colour = sigma, records, colour
         self._find_nuisance()
 
     def leave_out(self, spans: Sequence[Span]) -> None:
-        """Let stretches of the record count no longer: something happened there that is no part of the model."""
+        """Leave out stretches of the record in which something happened that is no part of the model."""
         self.kept = np.ones(len(self.record.time), bool)
         for first, end in spans:
             self.kept[first:end] = False
         self._find_nuisance()
 
     def digest(self) -> str:
-        """SHA-256 of what signatures depend on."""
+        """Return the SHA-256 of all that signatures depend on."""
         total = hashlib.sha256((self.mechanism.system.digest() + self.record.content_digest()).encode())
         if not self.mechanism.system.controller.closed_loop:
             for q, v in self.states:
@@ -350,7 +359,7 @@ class JointResiduals:
 
 
 def share_noise(views: Sequence[JointResiduals]) -> None:
-    """Pool the noise of views of one mechanism, channel by channel: the same sensors logged them."""
+    """Pool the noise of records of one mechanism, channel by channel, since the same sensors logged them."""
     if len({view.channels for view in views}) == 1:
         found = pooled([view.sigma for view in views], [view.count for view in views])
         for view, sigma in zip(views, found, strict=True):

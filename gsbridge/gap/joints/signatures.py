@@ -1,4 +1,4 @@
-"""Signatures of effects: what each changes in a replay, at one size."""
+"""Signatures of effects: the change that an effect of one size makes in a replay."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class Signature:
     """Change of a replay by a candidate of one size.
 
     Args:
-        candidate: Who.
+        candidate: The candidate.
         values: Parameters of the effect.
-        change: Simulated with it less without, SI units. [T, C].
+        change: Replay with the effect less the replay without, SI units. [T, C].
     """
 
     candidate: Candidate
@@ -28,9 +28,9 @@ class SignatureBank:
     """Signatures of all candidates on one record.
 
     Args:
-        signatures: All, by candidate and size.
-        runs: Simulations that making it took.
-        diverged: Candidates with which no simulation ran through.
+        signatures: All signatures, by candidate and size.
+        runs: Simulations that making the bank took.
+        diverged: Candidates of which simulations diverged and no signature is left.
     """
 
     signatures: tuple[Signature, ...]

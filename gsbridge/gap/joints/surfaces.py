@@ -1,4 +1,4 @@
-"""Something in an arm's way: it acts in a few moments of a record, at a height that must be found."""
+"""Surfaces in an arm's way: they act in a few moments of a record, at a height that must be found."""
 
 from __future__ import annotations
 
@@ -11,28 +11,29 @@ from gsbridge.gap.joints.looks import Look
 from gsbridge.geometry import Array
 
 _LEANS = 3.0
-"""Change, in units of the noise, of a moment in which an arm leans on a surface."""
+"""Change of a sample by a surface, in units of the noise, above which the arm leans on it then."""
 
 _MOSTLY = 0.5
-"""Largest share of what is left in such moments that a surface may leave."""
+"""Share of the squared residual in such moments that a surface may leave."""
 
 _NEAR = 2e-3
-"""Distance of two heights between which no further one is looked at, m."""
+"""Distance of two heights up to which no height between them is tried, m."""
 
 
 def is_surface(who: Candidate) -> bool:
-    """Whether a candidate is something in the arm's way, at a height to find."""
+    """Tell whether a candidate is a surface in the arm's way, at a height to find."""
     return bool(who.effect.threshold and not who.effect.blends)
 
 
 def heights_between(looks: Sequence[Look], row: Array) -> list[dict[str, float]]:
-    """Parameters of a surface halfway from the best height that was looked at to those next to it.
+    """Propose surfaces halfway between the best height tried so far and the next one on either side.
 
-    Where every height that the arm reaches does harm, the highest that it does not reach is best: what fits may lie between.
+    If every height that the arm reaches makes the residual worse, the highest that it does not reach counts as best: the right
+    one may lie just above it.
 
     Args:
-        looks: What a surface changes at several heights.
-        row: What it might explain. [sum of T C].
+        looks: Changes by a surface at several heights.
+        row: Residual to explain, in units of the noise. [sum of T C].
     """
     if not looks:
         return []
@@ -43,7 +44,7 @@ def heights_between(looks: Sequence[Look], row: Array) -> list[dict[str, float]]
     higher = min(
         (look for look in alike if look.values["height"] > height), key=lambda look: look.values["height"], default=top
     )
-    # Nothing is reached between two heights that are not.
+    # If the arm reaches neither of two heights, it reaches none between them.
     near = [
         look
         for look in (lower, higher)
@@ -53,14 +54,15 @@ def heights_between(looks: Sequence[Look], row: Array) -> list[dict[str, float]]
 
 
 def supports(left: Sequence[Array], changes: Sequence[Array], least: float) -> bool:
-    """Whether a surface explains most of what is left where an arm leans on it.
+    """Tell whether a surface explains most of the residual at the moments when an arm leans on it.
 
-    Other effects are judged by whole records; an arm leans on something in a few moments, in which nearly all is its doing.
+    Other effects are judged over whole records. An arm leans on a surface in a few moments only, in which the surface causes
+    nearly all of the residual.
 
     Args:
-        left: What is left of each record without it, in units of the noise. Each [T, C].
-        changes: What it changes. Each [T, C].
-        least: Least reduction of the length of all residuals together.
+        left: Residual of each record without the surface, in units of the noise. Each [T, C].
+        changes: Change of each residual by the surface, in units of the noise. Each [T, C].
+        least: Least reduction of the length of all residuals together, in units of the noise.
     """
     before, after = list(left), [row - change for row, change in zip(left, changes, strict=True)]
     touched = [(change**2).sum(axis=1) > _LEANS**2 for change in changes]

@@ -1,7 +1,7 @@
-"""Extends an explanation beyond what is certain, effect by effect, while each explains a part of the gap worth an entry.
+"""Extension of an explanation beyond what is certain: effects are added while each explains enough of the gap for an entry.
 
-Named effects are fitted to one record and judged on another. The account is judged on the third record and therefore fitted to
-both others: one motion alone seldom separates friction, weight and lag, and then it divides the gap among them by chance.
+Named effects are fitted to one record and judged on another. The account is judged on the third record, so that it can be
+fitted to both others: one motion alone seldom separates friction, weight and lag, and divides the gap among them by chance.
 """
 
 from __future__ import annotations
@@ -37,23 +37,23 @@ _DRY, _AGAIN = 3, 2
 before one that failed is tried again."""
 
 _BESIDE = 4
-"""Number of effects of an explanation at which the one that was taken first, beside nothing, is looked at again."""
+"""Number of effects at which the first one, which was chosen with no other beside it, is compared with others again."""
 
 _EACH = 0.25
-"""Of the part that an effect must explain of all records together, the share that it must explain of each."""
+"""Factor on `Rules.worth` for the share of the gap that an effect must close on each single record."""
 
 _LARGE, _HALF_SURE = 0.05, 0.5
-"""Share of the gap of all records from which on an effect may be less sure of one of them, and by how much: what one motion
-hardly asks for, such as the inertia of a rotor at a slow pace, is not refuted there."""
+"""Share of the whole gap from which on an effect may be less sure on one record, and the factor on `Rules.deviations` there:
+a motion that hardly excites an effect, such as the inertia of a rotor at a slow pace, does not refute it."""
 
 _IDLE = 0.01
 """Squared change of a record, in shares of the noise's square, below which an effect does nothing there."""
 
 _HALVINGS = 2
-"""How often the heights are halved between which a surface is looked at, in each round."""
+"""How often, in each round, the distance between tried heights of a surface is halved."""
 
 _STRAINED = 0.9
-"""Share of the largest size that makes sense, beyond which an effect is not taken into an account."""
+"""Share of the largest sensible size of an effect, beyond which it is not taken into an account."""
 
 _AS_GOOD = 0.9
 """Share of an entry's reduction of the residual's length that another effect must reach in its place to be listed as an
@@ -93,10 +93,10 @@ class Widening:
         self._nothing = self._judged(nothing_fitted(self.both.residual()))
 
     def widen(self, finding: Finding) -> Hypothesis | None:
-        """An explanation with all effects that help: grown from what was named, or from nothing.
+        """Grow an explanation with all effects that help, from what was named or from nothing.
 
         Args:
-            finding: What was named, as `JointIdentification.run` returns it.
+            finding: Finding of `JointIdentification.run`.
 
         Returns:
             The explanation with all effects that explain enough; None where nothing could be fitted.
@@ -119,7 +119,7 @@ class Widening:
         return replace(best, fit=replace(best.fit, deviations=_spread(self.both, best.fit)))
 
     def _grown(self, best: Hypothesis) -> Hypothesis:
-        """An explanation with all effects that earn their place beside it."""
+        """Add effects to an explanation, one at a time, while they earn their place."""
         failed: dict[Candidate, int] = {}
         dry, first = 0, best.fit.who == ()
         while dry < _DRY and len(best.fit.who) < self.rules.entries and (not best.fit.who or self.remains(best)):
@@ -127,18 +127,18 @@ class Widening:
             dry = dry + 1 if grown is best else 0
             best = grown
             if first and len(best.fit.who) == _BESIDE:
-                # What was taken beside nothing, before more is fitted to what it leaves.
+                # The first effect was chosen alone: correct a wrong choice before more effects are fitted to what it leaves.
                 best, first = self._exchanged(best, best.fit.who[:1]), False
         return best
 
     def _exchanged(self, best: Hypothesis, taken: Sequence[Candidate]) -> Hypothesis:
-        """An explanation in which others stand for effects that were taken early, where the whole explains more with them.
+        """Replace effects that were chosen early by others with which the whole explains more.
 
-        Beside nothing, a filter of the commands and a damped controller look alike; beside friction they do not.
+        Without other effects, a filter of the commands and a damped controller look alike; beside friction they do not.
 
         Args:
             best: The explanation.
-            taken: The effects in question.
+            taken: Effects that may be replaced.
         """
         allowed = self.rules.join * max(1.0, self._squares(best.fit) / sum(self.floors))
         for who in taken:
@@ -155,24 +155,24 @@ class Widening:
         return best
 
     def _squares(self, fitted: EffectFit) -> float:
-        """Squared residual of both records beside an explanation."""
+        """Compute the squared residual that a fit leaves on both records."""
         return float((self.both.residual(fitted.effects) ** 2).sum())
 
     def _as_told(self, best: Hypothesis, finding: Finding) -> Hypothesis:
-        """What was found, with deviations as its own intervals have them, or wider where the model errs."""
+        """Return the best explanation of a finding, its deviations scaled as in the findings, or wider where the model errs."""
         deviations = max(1.0, finding.after) * best.fit.deviations
         if finding.something_remains and best.fit.converged:
             deviations = np.maximum(deviations, _spread(PooledResiduals(self.both.views[: best.fit.records]), best.fit))
         return replace(best, fit=replace(best.fit, deviations=deviations))
 
     def instead(self, whole: Hypothesis, k: int, third: JointResiduals | None = None) -> tuple[str, ...]:
-        """What else could stand in the place of one effect of an explanation, the likeliest first.
+        """List what else could stand in the place of one effect of an explanation, the likeliest first.
 
         Args:
             whole: The explanation.
-            k: Place of the effect.
-            third: Residuals on the third record, if effects with clearly larger errors are to be left out: each is then
-                fitted in the effect's place and judged on all records.
+            k: Number of the effect.
+            third: Residuals on the record `verify`. With it, each alternative is fitted in the effect's place and judged on all
+                records, and those with clearly larger residuals are left out.
         """
         alike = self._alike(whole, k)[:_ALTERNATIVES]
         if third is not None and alike:
@@ -181,7 +181,7 @@ class Widening:
         return tuple(str(look.candidate) for look in alike)
 
     def _worse(self, look: Look, whole: Hypothesis, k: int, known: Sequence[Array], third: JointResiduals) -> bool:
-        """Whether an effect in the place of one of an explanation errs more, as surely as a name needs."""
+        """Tell whether an explanation clearly errs more, on all records, with another effect in the place of effect `k`."""
         others = [candidate for j, candidate in enumerate(whole.fit.who) if j != k]
         values = [found for j, found in enumerate(whole.fit.values) if j != k]
         trial = fit(self.both, (*others, look.candidate), (*values, look.values), limit=self._end)
@@ -189,7 +189,7 @@ class Widening:
         return trial.converged and told_apart(known, left) > norm.isf(1.0 - self.rules.sure)
 
     def _alike(self, whole: Hypothesis, k: int) -> list[Look]:
-        """Effects that explain as much in the place of one effect of an explanation, as they start, the likeliest first."""
+        """List effects that explain as much in the place of effect `k`, by one simulation each, the likeliest first."""
         others = tuple(effect for j, effect in enumerate(whole.fit.effects) if j != k)
         row = self.both.residual(others)
         alone = float(np.linalg.norm(row))
@@ -198,7 +198,7 @@ class Widening:
         first = self.both.parts(row)[0]
         matches = sorted(self.screen.matches(first), key=lambda match: -match.bound)
         out: list[tuple[float, str, Look]] = []
-        # What holds the effect as a special case says the same and more.
+        # A candidate that contains the effect as a special case explains as much by construction and is no alternative.
         rivals = [
             match
             for match in matches
@@ -214,7 +214,7 @@ class Widening:
         return [look for _, _, look in sorted(out, key=lambda item: item[:2])]
 
     def _wider(self, best: Hypothesis, failed: dict[Candidate, int]) -> Hypothesis:
-        """An explanation with the effect more that helps most; the same one where none earns its place."""
+        """Add the effect that helps most; return the same explanation if none earns its place."""
         self.both = self.both.robust(best.fit.effects)
         known = derivatives(self.both, best.fit)
         looks = self._promising(best, failed, np.linalg.qr(known)[0])
@@ -236,15 +236,15 @@ class Widening:
         return Hypothesis(fitted, residual, self.first.residual(fitted.effects), float((residual**2).sum()), 0.0)
 
     def _lengths(self, trial: Hypothesis) -> list[float]:
-        """Residual of both records and of each beyond the noise."""
+        """Compute the residual's length beyond the noise: of both records together, then of each."""
         squares = [float((part**2).sum()) for part in self.both.parts(self.both.residual(trial.fit.effects))]
         return [beyond_noise(a, b) for a, b in ((sum(squares), sum(self.floors)), *zip(squares, self.floors, strict=True))]
 
     def _promising(self, best: Hypothesis, failed: dict[Candidate, int], basis: Array) -> list[Look]:
-        """Candidates that help on all records as they start, the most helpful first, with parameters to start from.
+        """List candidates that help on both records at their start parameters, the most helpful first.
 
-        They are judged by what the effects that are there already could not do in their place, since all are fitted anew with
-        them: a stiffer controller shows only once friction has grown with it.
+        Since all effects are refitted together, a candidate is judged only by the part of its change that the present effects
+        cannot make with other parameters: a stiffer controller shows only once friction has grown with it.
         """
         row = self.both.residual(best.fit.effects)
         for candidate, values in self._starts(best):
@@ -275,14 +275,14 @@ class Widening:
         return [look for _, look in plainest_first(found)][:_FITTED]
 
     def _leaning(self, best: Hypothesis, failed: dict[Candidate, int]) -> Look | None:
-        """The surface that explains most of what is left where the arm leans on it, if any does.
+        """Find the surface that explains most of the residual at the moments when the arm leans on it; None if none does.
 
-        Other effects are judged by whole records, of which an arm leans on something in a few moments only. These moments
-        count in full here, although nothing explains them yet: they are just what a surface is about.
+        Other effects are judged over whole records, with less weight on moments that nothing explains yet. An arm leans on a
+        surface in a few such moments only, so that here they count in full.
 
         Args:
             best: The explanation so far.
-            failed: Candidates that were fitted in vain, and beside how many effects.
+            failed: Candidates whose fit failed, with the number of effects that stood beside them then.
         """
         row = self._plain(best.fit.effects)
         left_out = {*best.fit.who, *_out_of_turn(best, failed)}
@@ -294,24 +294,24 @@ class Widening:
         return max(found, key=lambda item: item[0])[1] if found else None
 
     def _supports(self, row: Array, change: Array) -> bool:
-        """Whether a surface explains most of what is left where the arm leans on it, and enough of the whole gap for a line."""
+        """Tell whether a surface explains most of the residual where the arm leans on it, and enough of the whole gap."""
         gap = float(np.linalg.norm(self._plain(())))
         return supports(self.both.parts(row), self.both.parts(change), _EACH * self.rules.worth * gap)
 
     def _plain(self, effects: Sequence[Applied]) -> Array:
-        """Residual of both records in which all moments count the same. [sum of T C]."""
+        """Compute the residual of both records with equal weights for all moments. [sum of T C]."""
         return replace(self.both, weights=None).residual(effects)
 
     def _starts(self, best: Hypothesis) -> list[tuple[Candidate, dict[str, float]]]:
-        """Candidates with parameters to look at them beside an explanation.
+        """List candidates with the parameters at which they are simulated beside an explanation.
 
-        What a threshold changes tells nothing of another threshold: such a size is looked at anew where another one suits what
-        is left, a surface at every height, since `fit` alone may never come near it, and on the joints that err most on either
-        record any size, of a limit by what the records ask for.
+        The change by an effect with a threshold tells nothing of other thresholds. A surface is therefore tried at every
+        height, since `fit` alone may never come near it. On the joints that err most on either record, other such effects are
+        tried at all sizes, limits at shares of the largest values on the records.
         """
         surfaces = [who for who in self.who if is_surface(who)]
         out = [(m.candidate, m.starts[0]) for m in self.screen.matches(best.first) if m.candidate not in surfaces]
-        # One record may pass a limit of which the other shows nothing.
+        # A limit may show on one record only, so that both are asked.
         erring = [thresholds(self.who, self.first, best.first), thresholds(self.who, self.second, best.residual)]
         for who in dict.fromkeys((*surfaces, *erring[0], *erring[1])):
             if who not in self._sizes:
@@ -323,7 +323,7 @@ class Widening:
     def _look(self, best: Hypothesis, candidate: Candidate, values: dict[str, float]) -> Look:
         """Simulate a candidate beside an explanation.
 
-        What it changes is kept without the weights of moments, which differ from round to round.
+        Its change is stored without the weights of the moments, since these differ from round to round.
         """
         effects = best.fit.effects
         change = self._plain(effects) - self._plain((*effects, candidate.applied(values)))
@@ -331,13 +331,13 @@ class Widening:
         return self._weighed(look)
 
     def _weighed(self, look: Look) -> Look:
-        """What a candidate changes by the weights that moments have now."""
+        """Apply the present weights of the moments to a candidate's change."""
         return look if self.both.weights is None else replace(look, change=self.both.weights * look.change)
 
     def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
-        """Whether one effect more explains a part of the gap worth a line, of each record, and by more than chance.
+        """Tell whether one effect more explains enough of the gap, on each record, and by more than chance.
 
-        What one record alone shows may be anything that happened there, unless it is what only acts where that record goes.
+        What shows on one record alone may be a disturbance. An effect with a threshold, however, may not act on the other.
         """
         if trial.fit.stopped or strained(trial.fit):
             return False
@@ -353,14 +353,14 @@ class Widening:
         least = _HALF_SURE if shares[0] >= _LARGE and max(sure) > 1.0 else 1.0
         helps = [good and one > least for good, one in zip(helps, sure, strict=True)]
         if not all(helps) and any(helps) and trial.fit.who[-1].effect.threshold:
-            # A table says nothing of a motion that never comes near it, and little of one that touches it once: there it must
-            # only do no harm.
+            # A surface does nothing in a motion that never comes near it, and little in one that touches it once. On such a
+            # record, an effect with a threshold must only do no harm.
             others = zip(helps, shares[1:], self._idle(trial), strict=True)
             helps = [good or share > 0.0 or idle for good, share, idle in others]
         return all(helps)
 
     def _idle(self, trial: Hypothesis) -> list[bool]:
-        """For each record, whether the last effect of an explanation changes less there than the noise shows."""
+        """Tell for each record whether the last effect of an explanation changes less there than the noise hides."""
         change = self.both.residual(trial.fit.effects) - self.both.residual(trial.fit.effects[:-1])
         return [
             float((part**2).sum()) < _IDLE * floor for part, floor in zip(self.both.parts(change), self.floors, strict=True)
@@ -368,12 +368,12 @@ class Widening:
 
 
 def _out_of_turn(best: Hypothesis, failed: dict[Candidate, int]) -> set[Candidate]:
-    """Candidates that failed beside about as many effects; what failed beside fewer may help beside more."""
+    """Select candidates that failed beside about as many effects; those that failed beside fewer may help now."""
     return {who for who, count in failed.items() if len(best.fit.who) < count + _AGAIN}
 
 
 def strained(fitted: EffectFit) -> bool:
-    """Whether the last effect has a size that hardly makes sense: it stands in for something else."""
+    """Tell whether the last effect is so large that it probably stands in for something else."""
     candidate, values = fitted.who[-1], fitted.values[-1]
     return any(
         parameter.amplitude and bound != 0.0 and values[parameter.name] * np.sign(bound) > _STRAINED * abs(bound)
@@ -383,5 +383,5 @@ def strained(fitted: EffectFit) -> bool:
 
 
 def _spread(both: PooledResiduals, fitted: EffectFit) -> Array:
-    """Standard deviations of a fit's parameters that know of model errors. [P]."""
+    """Compute standard deviations of a fit's parameters that include errors of the model. [P]."""
     return spread_of(both, fitted.effects, derivatives(both, fitted))
