@@ -1,4 +1,4 @@
-"""What becomes of a gap if commands went on otherwise between two samples than the model says."""
+"""Test whether the gap comes from how commands go on between two samples: held, or joined by straight lines."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ _OTHER = {"hold": "line", "line": "hold"}
 _DOES = {"hold": "held", "line": "joined by straight lines"}
 
 _SEEN = 1.5
-"""Periods of the controller between two logged commands from which on it matters how they go on."""
+"""Periods of the control loop between two logged commands from which on it matters how commands go on between them."""
 
 _HALF = 0.5
-"""Share of the gap's squares that the other way may leave to be told."""
+"""Share of the gap's squares that may be left, under the other assumption, for it to be reported."""
 
 
 @dataclass(frozen=True)
 class OtherWay:
-    """The model without effects, with commands that go on otherwise between their samples.
+    """The gap of the model without effects, under both assumptions on commands between their samples.
 
     Args:
-        stated: What the model says, `hold` or `line`.
-        before: Squared residual of both records as the model says.
-        after: Squared residual with the other way.
-        freedom: Independent numbers in both.
+        stated: Assumption of the model, `hold` or `line`.
+        before: Squared residual of all records under the model's assumption.
+        after: Squared residual under the other assumption.
+        freedom: Degrees of freedom of the residuals.
     """
 
     stated: str
@@ -37,25 +37,26 @@ class OtherWay:
 
     @property
     def better(self) -> bool:
-        """Whether most of the gap is gone with it."""
+        """Whether most of the gap is gone under the other assumption."""
         return self.after - self.freedom < _HALF * (self.before - self.freedom)
 
     def tells(self, finding: Finding) -> bool:
-        """Whether a reader should know.
+        """Tell whether a reader should know of the other assumption.
 
-        Held commands come late by half the time between two samples. An arm that comes before its commands is none; one that
-        comes late may be as it is, so that there the other way must explain as much as what was found.
+        On average, held commands come late by half the time between two samples. If the model holds commands and lines fit
+        better, the arm would be ahead of its commands, which none is. If the model uses lines, the arm may really be late, so
+        that holding must also explain as much as the effects that were found.
         """
         return self.better and (self.stated == "hold" or self.rivals(finding))
 
     def rivals(self, finding: Finding) -> bool:
-        """Whether it explains as much as what was named."""
+        """Tell whether the other assumption explains as much as the best effects."""
         best = finding.best
         return self.better and best is not None and self.after <= best.chi2 + float((best.first**2).sum())
 
     @property
     def sentence(self) -> str:
-        """What a reader must know."""
+        """A sentence for the reader."""
         sizes = [(squares / self.freedom) ** 0.5 for squares in (self.before, self.after)]
         other = _OTHER[self.stated]
         return (
@@ -66,10 +67,10 @@ class OtherWay:
 
 
 def other_way(views: Sequence[JointResiduals]) -> OtherWay | None:
-    """Replay records with the other way of the commands; None where it makes no difference.
+    """Replay records under the other assumption on commands; None if it makes no difference.
 
     Args:
-        views: Records.
+        views: Residuals on the records.
     """
     system = views[0].mechanism.system
     logged = [view for view in views if "command" in view.record.commands]

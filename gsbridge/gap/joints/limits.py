@@ -1,7 +1,7 @@
-"""Limits that one record passes and another does not: of a motor's torque, of how fast a command may change.
+"""Limits that one record reaches and another does not: of a motor's torque, or of how fast a command may change.
 
-Below its limit a motor shows nothing of it. Where slow motions were recorded for the fit and faster ones to choose by, all
-that a limit does is left of the second record alone. It is then fitted to both, and the third record must show it, too.
+A motor below its limit shows nothing of it. If `fit` holds slow motions and `select` faster ones, a limit shows in the residual
+of `select` alone. It is then fitted to both records, and must show on the third record, too.
 """
 
 from __future__ import annotations
@@ -17,39 +17,39 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _JOINTS = 2
-"""Joints, those that err most, whose limits are tried."""
+"""Number of joints whose limits are tried: those with the largest residuals."""
 
 _LEVELS, _HALVINGS = 4, 3
-"""Limits that are tried between the largest values of two records, and how often the distance to the next is then halved."""
+"""Number of limits that are tried between the largest values of two records, and how often their distance is then halved."""
 
 _SHARES = (0.95, 0.88, 0.8, 0.7, 0.6, 0.5, 0.25, 0.12, 0.06, 0.03)
-"""Limits at which one is looked at beside an explanation, in shares of the largest value: a command that jumps has a speed far
-above any limit."""
+"""Limits that are tried beside an explanation, as shares of the largest value on the records. They reach far down, since a
+command that jumps has a speed far above any limit."""
 
 _LOWEST = 0.05
-"""Share of the largest value on one record that a joint is taken to reach on another throughout which it rests."""
+"""Least value, as a share of that on the second record, that a joint is taken to reach on the first, even if it rests there."""
 
 _FITTED = 2
-"""Limits that are fitted, those that leave least."""
+"""Number of limits that are fitted: those that leave the smallest residual."""
 
 _NEARLY = 2.0
-"""Multiple of what the best limit leaves up to which a second one is fitted, too."""
+"""Multiple of the best limit's squared residual up to which a second limit is fitted, too."""
 
 _BEYOND = 1.02
-"""Ratio of the largest values of two records from which on one passes what the other does not."""
+"""Ratio of the largest values of two records above which a limit may lie between them."""
 
 _MORE = 3.0
-"""Ratio of what exceeds the noise on the second record to the same on the first, from which on the second shows more."""
+"""Ratio of the excess over the noise on the second record to that on the first, above which the second shows clearly more."""
 
 
 def shows_more(first: JointResiduals, second: JointResiduals, effects: Sequence[Applied], floors: tuple[float, float]) -> bool:
-    """Whether effects leave clearly more of the second record than of the first, in shares of the noise of each.
+    """Tell whether effects leave clearly more on the second record than on the first, relative to the noise of each.
 
     Args:
         first: Residuals on one record.
         second: Residuals on another.
         effects: The effects.
-        floors: Squared residual of noise alone on each.
+        floors: Squared residual of noise alone on each record.
     """
     one, other = (_squares(view, effects) / floor - 1.0 for view, floor in zip((first, second), floors, strict=True))
     return other > _MORE * max(one, 0.0)
@@ -63,15 +63,15 @@ def limits_beside(
     gain: float,
     affords: Callable[[int], bool],
 ) -> Iterator[tuple[Candidate, dict[str, float]]]:
-    """Limits that the second record passes and the first does not, with parameters to start from, the best first.
+    """Find limits that the second record reaches and the first does not, with parameters to start from, the best first.
 
     Args:
         first: Residuals on one record.
         second: Residuals on another.
         who: Candidates.
-        effects: What is known already.
+        effects: Effects that are known already.
         gain: Least reduction of the squared residual on the second record.
-        affords: Whether so many simulations are left, and those for a fit to both records.
+        affords: Whether a number of simulations is left.
 
     Yields:
         A limit and its parameters.
@@ -97,7 +97,7 @@ def _passed(
     effects: Sequence[Applied],
     affords: Callable[[int], bool],
 ) -> list[tuple[Candidate, float, float]]:
-    """Limits of the joints that err most on the second record, with the largest values of both records."""
+    """List limits of the joints with the largest residuals on the second record, with the largest values of both records."""
     known = {(effect.name, effect.joint) for effect in effects}
     among = [c for c in who if c.effect.cuts and (c.name, c.joint) not in known]
     if not among or not affords(2):
@@ -109,7 +109,7 @@ def _passed(
         low, high = (float(peak[candidate.effect.cuts][k]) for peak in peaks)
         if high > _BEYOND * low:
             out.append((candidate, max(low, _LOWEST * high), high))
-    # Where no channel tells joints apart, a limit hides at those that go furthest beyond what the first record asked of them.
+    # If no channel belongs to a joint, try the joints whose values exceed those of the first record by the largest ratio.
     beyond = sorted(out, key=lambda item: -item[2] / item[1])
     joints = [*_erring(second, effects), *(candidate.joint for candidate, _, _ in beyond)]
     tried = list(dict.fromkeys(joints))[:_JOINTS]
@@ -117,14 +117,14 @@ def _passed(
 
 
 class _Search:
-    """Looks for the limit between two values that leaves least of a record.
+    """Search, between two values, for the limit that leaves the smallest residual on a record.
 
     Args:
         view: Residuals on the record.
         effects: Effects beside the limit.
         candidate: The limit.
-        low: A value that another record reaches without showing it.
-        high: The largest value on this record.
+        low: Value that another record reaches without showing the limit.
+        high: Largest value on this record.
     """
 
     def __init__(self, view: JointResiduals, effects: Sequence[Applied], candidate: Candidate, low: float, high: float) -> None:
@@ -135,7 +135,7 @@ class _Search:
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameters of the best limit so far."""
+        """The parameters of the best limit so far."""
         return self._values(self._best())
 
     def try_levels(self) -> float:
@@ -165,19 +165,19 @@ class _Search:
 
 
 def shown_by(third: JointResiduals, whole: EffectFit, without: Sequence[Applied], rules: Rules) -> bool:
-    """Whether the third record shows an effect that was fitted to both others, by more than chance.
+    """Tell whether the third record shows, by more than chance, an effect that was fitted to both others.
 
     Args:
         third: Residuals on the record `verify`.
-        whole: The fit with it.
-        without: All other effects.
+        whole: The fit with the effect.
+        without: Effects of an explanation without it.
         rules: Thresholds.
     """
     return transfer(third.residual(without), third.residual(whole.effects)) > rules.deviations
 
 
 def levels(views: Sequence[JointResiduals], effects: Sequence[Applied], who: Candidate) -> list[dict[str, float]]:
-    """Parameters of a limit that some of the records pass.
+    """List parameters at which a limit is tried: shares of the largest value on the records; none if nothing moves.
 
     Args:
         views: Residuals on the records, each of which is simulated once.
@@ -191,7 +191,7 @@ def levels(views: Sequence[JointResiduals], effects: Sequence[Applied], who: Can
 
 
 def peaks_of(view: JointResiduals, effects: Sequence[Applied]) -> dict[str, Array]:
-    """Largest values on a record of what a limit may cut off. [N] each.
+    """Find the largest values on a record of the quantities that a limit may cut off. [N] each.
 
     Args:
         view: The record, which is simulated once.
@@ -208,17 +208,17 @@ def peaks_of(view: JointResiduals, effects: Sequence[Applied]) -> dict[str, Arra
 
 
 def nothing_fitted(residual: Array, records: int = 1) -> EffectFit:
-    """The fit of no effects, which leaves a residual as it is.
+    """Return the fit of no effects, which leaves a residual unchanged.
 
     Args:
-        residual: In units of the noise. [T, C].
-        records: How many records the fits have seen with which it is compared.
+        residual: Residual, in units of the noise. [T, C].
+        records: Number of records to which the fits were made with which this one is compared.
     """
     return EffectFit((), (), float((residual**2).sum()), True, np.zeros(0), 0.0, 0, records)
 
 
 def _erring(view: JointResiduals, effects: Sequence[Applied]) -> list[str]:
-    """Joints by what effects leave of them, most first."""
+    """Order joints by the squared residual that effects leave on their channels, largest first."""
     left = (view.residual(effects) ** 2).sum(axis=0)
     joints, sums = view.record.joints, dict[str, float]()
     for (kind, k), value in zip(view.channels, left, strict=True):

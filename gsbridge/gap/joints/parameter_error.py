@@ -1,4 +1,4 @@
-"""What is left of a record that a fit has not seen, but for the error that noise has left in the fit's parameters."""
+"""The residual of a record that a fit has not seen, less what errors of the fitted parameters explain."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from gsbridge.geometry import Array
 
 
 def beside_parameter_error(left: Array, here: Array, there: Array) -> Array:
-    """The residual of a record with the parameters on which it and the record of the fit agree best.
+    """Compute the residual of a record as if the parameters were fitted to it and to the record of the fit together.
 
-    Parameters are as unsure as the noise of the record that they were fitted to makes them. On another record, which may move
-    faster, that error shows as something that is no noise, although nothing is missing. To first order, parameters of both
-    records together leave noise alone where nothing else is missing.
+    Noise leaves errors in fitted parameters. On another record, which may move faster, such errors show as more than noise,
+    although no effect is missing. After a common fit, taken to first order, only noise is left if nothing else is missing.
 
     Args:
-        left: What the fit leaves of the record, in units of the noise. [T, C].
-        here: Derivatives of the record's residuals by the parameters. [T C, P].
-        there: The same of the record of the fit, whose residuals may be of another number. [residuals, P].
+        left: Residual that the fit leaves on the record, in units of the noise. [T, C].
+        here: Derivatives of this record's residuals by the parameters. [T C, P].
+        there: Derivatives of the residuals of the fitted record, which may have another length. [residuals, P].
 
     Returns:
         Measured less simulated, in units of the noise. [T, C].
@@ -36,12 +35,12 @@ def beside_parameter_error(left: Array, here: Array, there: Array) -> Array:
 
 
 class BesideParameterError:
-    """`beside_parameter_error` of fits on another record; what was asked before is not simulated again.
+    """`beside_parameter_error` of fits on another record; results are kept, so that no fit is simulated twice.
 
     Args:
-        view: The record: one that no fit has seen, or the second one, which only fits to two records have seen.
-        seen: The records that fits have seen: all have seen the first one, those to two records the first two.
-        derivatives: Derivatives of a record's residuals by a fit's parameters.
+        view: Residuals on the record: one that no fit has seen, or the second one, which only fits to two records have seen.
+        seen: Residuals on the fitted records, in order; a fit to n records has seen the first n.
+        derivatives: Function that computes the derivatives of a record's residuals by a fit's parameters.
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class BesideParameterError:
         self._known: dict[int, tuple[EffectFit, Array]] = {}
 
     def __call__(self, fitted: EffectFit) -> Array:
-        """The residual, in units of the noise; as it is where the fit has seen the record. [T, C]."""
+        """Compute the residual, in units of the noise; it is unchanged if the fit has seen the record. [T, C]."""
         seen = self._seen[: fitted.records]
         if any(self._view is view for view in seen):
             return self._view.residual(fitted.effects)
@@ -65,5 +64,5 @@ class BesideParameterError:
         return self._known[id(fitted)][1]
 
     def runs(self, fitted: EffectFit) -> int:
-        """Most simulations that asking takes."""
+        """Count the most simulations that a call for this fit takes."""
         return len(fitted.deviations) * (fitted.records + 1)

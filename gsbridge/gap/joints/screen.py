@@ -1,4 +1,4 @@
-"""Screening: how much of a residual simulated signatures explain, alone and together, before anything is fitted."""
+"""Screening before any fit: how much of a residual simulated signatures explain, alone and together."""
 
 from __future__ import annotations
 
@@ -13,23 +13,25 @@ from gsbridge.gap.joints.signatures import Signature, SignatureBank
 from gsbridge.geometry import Array
 
 _STRETCH = (0.4, 60.0)
-"""Range of factors by which a signature may be scaled for other sizes: it just stands out from noise, a gap may be large."""
+"""Range of factors by which a signature may be scaled: it just stands out from the noise, while a gap may be large."""
 
 _PROJECTED = 1.2
-"""A fit starts from a sum of signatures if that removes this many times the squared residual which the best one removes."""
+"""A fit starts from a sum of signatures if that removes more than this many times the squared residual that the best single
+one removes."""
 
 _BESIDE = 9.0
-"""Squared residual, in units of the noise, that a sum must remove beyond the best one to be a start at all: of a large gap, one
-wave number beside the right one explains most, too."""
+"""Squared residual, in units of the noise, that a sum must remove beyond the best single signature to be a start at all: in a
+large gap, even a signature with a neighbouring wave number explains most."""
 
 _SMALL, _LARGE = 1e-2, 4.0
-"""Squared lengths of signatures, as shares of the residual's, that may take part in a sum of several."""
+"""Range of the squared lengths, as shares of the residual's, of signatures that may take part in a sum of several. The lower
+end is 0.05 times `_SMALL`."""
 
 _MORE = 3
-"""Candidates that are tried as one effect more."""
+"""Number of candidates that are tried as one effect more beside a fit."""
 
 SETS = 6
-"""Sets of effects that are tried for each number of effects in a set."""
+"""Most sets of effects that are tried for each number of effects in a set."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class SignatureMatch:
         gain: Squared residual that the best of its signatures removes, in units of the noise.
         cosine: Cosine of the angle between residual and signature.
         starts: Parameters to start a fit from, best first.
-        bound: Squared residual that all of its signatures together remove, whatever their factors: no fit does much better.
+        bound: Squared residual that all of its signatures together remove with any factors; no fit does much better.
     """
 
     candidate: Candidate
@@ -57,8 +59,8 @@ class Mixture:
 
     Args:
         who: Candidates.
-        starts: Parameters of each to start a fit from.
-        gain: Squared residual that they remove.
+        starts: Start parameters of each candidate for a fit.
+        gain: Squared residual that they remove together.
     """
 
     who: tuple[Candidate, ...]
@@ -91,7 +93,11 @@ class Screen:
         self._blocks = {who: self._split(who, rows) for who, rows in self.groups.items()}
 
     def _split(self, who: Candidate, rows: list[int]) -> list[tuple[list[int], Array, Array]]:
-        """Signatures of a candidate that may be added, with the inverse root lengths of the axes that they span."""
+        """Group a candidate's signatures that may be added, and find the principal axes that each group spans.
+
+        Returns:
+            For each group: its signatures' numbers, its axes as sums of signatures, and the squared lengths of the axes.
+        """
         forms = [p.name for p in who.effect.parameters if not p.amplitude and not who.effect.blends]
         parts: dict[tuple[float, ...], list[int]] = {}
         for k in rows:
@@ -105,17 +111,22 @@ class Screen:
         return out
 
     def along(self, residual: Array) -> Array:
-        """Scalar product of a residual with every signature. [T, C] -> [S]."""
+        """Compute the scalar product of a residual with every signature. [T, C] -> [S]."""
         return (self.shapes @ residual.ravel().astype(np.float32)).astype(np.float64)
 
     def gains(self, along: Array) -> tuple[Array, Array]:
-        """Squared residual that each signature removes, and its factor. [S] or [S, R] each."""
+        """Compute the squared residual that each signature removes, and its factor. [S] or [S, R] each."""
         sizes = np.maximum(self.sizes, 1e-300) if along.ndim == 1 else np.maximum(self.sizes, 1e-300)[:, None]
         factor = np.clip(along / sizes, *_STRETCH)
         return 2 * factor * along - factor**2 * sizes, factor
 
     def matches(self, residual: Array, starts: int = 3) -> list[SignatureMatch]:
-        """Compare a residual with all signatures; candidates, the largest gain first. [T, C]."""
+        """Compare a residual with all signatures, and return the candidates with the largest gain first.
+
+        Args:
+            residual: Whitened residual. [T, C].
+            starts: Largest number of starts from single signatures per candidate.
+        """
         along = self.along(residual)
         gains, factors = self.gains(along)
         length, out = float(np.linalg.norm(residual)), []
@@ -128,20 +139,20 @@ class Screen:
             gain = max(float(gains[first]), 0.0)
             projected = self._projected(who, along) if bound > gain + _BESIDE else None
             if projected is not None:
-                # Where several signatures together explain much more than one, the fit starts where they lead.
+                # Where several signatures together explain much more than one, the fit starts from their sum.
                 values.insert(0 if bound > _PROJECTED * gain else 1, projected)
             out.append(SignatureMatch(who, float(gains[first]), float(cosine), tuple(values), bound))
         return sorted(out, key=lambda match: -match.gain)
 
     def _scaled(self, number: int, factor: float) -> dict[str, float]:
-        """Parameters of a signature times a factor."""
+        """Return the parameters of a signature scaled by a factor; those of an effect with a threshold are kept."""
         effect = self.signatures[number].candidate.effect
         return effect.scaled(self.signatures[number].values, 1.0 if effect.threshold else factor)
 
     def _projected(self, who: Candidate, along: Array) -> dict[str, float] | None:
-        """Parameters to which a residual's projection onto a candidate's signatures points; None where they do not add up.
+        """Compute parameters from a residual's projection onto a candidate's signatures; None where they do not add up.
 
-        Amplitudes add up; a shape (the place of a mass) is the mean of the signatures' shapes, weighed by their amplitudes.
+        Amplitudes add up. A shape (the place of a mass) is the mean of the signatures' shapes, weighted by their amplitudes.
         """
         effect = who.effect
         if effect.threshold or len(effect.parameters) < 2:
@@ -162,12 +173,14 @@ class Screen:
         return out if any(out[p.name] != 0.0 for p in effect.parameters if p.amplitude) else None
 
     def _bound(self, who: Candidate, along: Array) -> float:
-        """Squared length of a residual's projection onto a candidate's signatures."""
+        """Compute the squared length of a residual's projection onto a candidate's signatures."""
         return max(float(((along[part] @ axes) ** 2 / values).sum()) for part, axes, values in self._blocks[who])
 
     def columns(self, who: Candidate, values: dict[str, float]) -> Array:
-        """Derivatives of the replay with respect to a candidate's amplitudes near `values`, taken from its signatures; NaN
-        where these do not tell them. [T * C, P]."""
+        """Estimate derivatives of the whitened replay by a candidate's amplitudes near `values` from its signatures.
+
+        Derivatives by other parameters, and those that signatures cannot give, are not-a-number. [T * C, P].
+        """
         parameters = who.effect.parameters
         out = np.full((self.shapes.shape[1], len(parameters)), np.nan)
         strengths = [k for k, p in enumerate(parameters) if p.amplitude]
@@ -194,12 +207,12 @@ class Screen:
         return out
 
     def beside(self, fitted: EffectFit, residual: Array, count: int) -> list[Mixture]:
-        """The effects of a fit with one more: of the candidates whose signatures explain most of what it leaves.
+        """Add to the effects of a fit one of the candidates whose signatures explain most of its residual.
 
         Args:
             fitted: The fit.
-            residual: What it leaves, in units of the noise. [T, C].
-            count: Effects of each sum; there are no sums if the fit has not one effect less.
+            residual: Residual of the fit, in units of the noise. [T, C].
+            count: Number of effects in each sum; nothing is returned unless the fit has one effect less.
         """
         if len(fitted.who) != count - 1:
             return []
@@ -207,15 +220,15 @@ class Screen:
         return [Mixture((*fitted.who, m.candidate), (*fitted.values, m.starts[0]), m.gain) for m in found]
 
     def mixtures(self, residual: Array, count: int, keep: int) -> list[Mixture]:
-        """The best sums of `count` signatures of different candidates, each with a factor near one.
+        """Find the best sums of `count` signatures of different candidates, with factors in the range `_STRETCH`.
 
         Args:
             residual: Residual in units of the noise. [T, C].
-            count: Signatures in a sum.
-            keep: How many sums to return at most.
+            count: Number of signatures in a sum.
+            keep: Largest number of sums to return.
 
         Returns:
-            Sums, the largest gain first; none where fewer than `count` signatures could explain the residual by their size.
+            Sums, the largest gain first; none if fewer than `count` signatures have a size that fits the residual.
         """
         along, total = self.along(residual), float((residual.astype(np.float64) ** 2).sum())
         rows = np.flatnonzero((self.sizes > _SMALL * 0.05 * total) & (self.sizes < _LARGE * total))
@@ -241,7 +254,7 @@ class Screen:
     def _extend(
         sets: Sequence[tuple[tuple[int, ...], float]], gram: Array, right: Array, owner: Array, keep: int
     ) -> list[tuple[tuple[int, ...], float]]:
-        """Sets with one signature more, the best of each group of candidates, largest gain first."""
+        """Extend sets by one signature each; keep the best set of each group of candidates, largest gain first."""
         low, high = 0.5 * _STRETCH[0], 1.5 * _STRETCH[1]
         best: dict[tuple[int, ...], tuple[tuple[int, ...], float]] = {}
         diagonal = np.diag(gram)
@@ -268,7 +281,7 @@ class Screen:
 
 
 def cosines(view: JointResiduals, signatures: Sequence[Signature]) -> Array:
-    """Similarity of signatures: 1 means that no fit can tell them apart. [S, S]."""
+    """Compute the cosines between signatures; 1 or -1 means that no fit can tell two apart. [S, S]."""
     shapes = np.stack([view.whiten(s.change.astype(np.float64)).ravel() for s in signatures])
     shapes /= np.maximum(np.linalg.norm(shapes, axis=1, keepdims=True), 1e-12)
     return shapes @ shapes.T

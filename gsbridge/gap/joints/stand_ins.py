@@ -1,4 +1,4 @@
-"""What could stand in the place of one effect of a set: a set is compared with others before all of it is named."""
+"""Stand-ins: effects that could take the place of one effect of a set, which is compared with such sets before it is named."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
 
 _ALIKE = 0.95
-"""Share of what an effect explains that a candidate's signatures must explain to be tried in its place."""
+"""Share of an effect's squared change that a candidate's signatures must explain to be tried in its place."""
 
 _TWINS = 3
-"""Candidates that are tried in the place of one effect, at most."""
+"""Most candidates that are tried in the place of one effect."""
 
 _SHOWN = 9.0
-"""Squared residual, in units of the noise, that an effect must explain of a record to show there at all."""
+"""Squared change, in units of the noise, that a candidate must explain on `fit` for an effect to count as visible there."""
 
 
 @dataclass(frozen=True)
 class StandIn:
-    """A set in which another effect stands in the place of one.
+    """A set of effects in which one effect is replaced by another.
 
     Args:
-        who: The effects.
-        values: Parameters of each to start from.
-        behind: By how much less of `fit` the other explains than the one does, both by their signatures. Squared residual, in
-            units of the noise.
+        who: Effects of the set.
+        values: Start parameters of each effect.
+        behind: By how much the other effect explains less of `fit` than the replaced one, both by their signatures. Squared
+            residual, in units of the noise.
     """
 
     who: tuple[Candidate, ...]
@@ -40,19 +40,19 @@ class StandIn:
 def stand_ins(
     view: JointResiduals, screen: Screen, best: Hypothesis, known: Sequence[Hypothesis], margin: float
 ) -> list[StandIn]:
-    """Sets in which a candidate that looks like one of the effects of `best` stands in its place, the most alike first.
+    """List sets in which a similar candidate replaces one of the effects of `best`, the most similar first.
 
-    Of each effect, that is the candidate that looks most like it, and all whose signatures do not tell it from that effect.
+    For each effect, these are the most similar candidate, and all others that signatures cannot tell from it.
 
-    A set is grown from signatures, which tell near twins apart by little: a lag and a delay, each beside two other effects.
-    Where only one of the two was tried, it would be named without having been compared with the other. Each effect takes one
-    simulation.
+    A set is grown from signatures, which hardly tell very similar effects apart: a lag and a delay, each beside two others. If
+    only one of the two was tried, it would be named without having been compared with the other. Each effect of `best` takes
+    one simulation.
 
     Args:
         view: Residuals on the record `fit`.
         screen: Signatures on that record.
         best: The best explanation, of several effects.
-        known: Explanations that were fitted; none of them is proposed again.
+        known: Explanations that were fitted; their sets are not proposed again.
         margin: Squared residual, in units of the noise, by which signatures must differ to tell two candidates apart.
     """
     who, fitted, out = best.fit.who, {frozenset(trial.fit.who) for trial in known}, list[StandIn]()
@@ -64,7 +64,7 @@ def stand_ins(
             continue
         matches = screen.matches(part)
         others = [m for m in matches if m.bound >= enough and m.candidate not in who and not _nested(own, m.candidate)]
-        # A signature of another size does not explain all of its own effect either.
+        # Compare with what the effect's own signatures explain: at another size, even these do not explain all of it.
         mine = next((match.bound for match in matches if match.candidate == own), -np.inf)
         others.sort(key=lambda match: -match.bound)
         for number, other in enumerate(others[:_TWINS]):
@@ -77,5 +77,5 @@ def stand_ins(
 
 
 def _nested(one: Candidate, other: Candidate) -> bool:
-    """Whether one of two candidates is a special case of the other, which is compared elsewhere."""
+    """Tell whether one of two candidates is a special case of the other; special cases are compared elsewhere."""
     return one.joint == other.joint and (one.name in other.effect.contains or other.name in one.effect.contains)

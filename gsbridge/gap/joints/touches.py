@@ -1,7 +1,7 @@
-"""Moments in which something outside the model moved a mechanism: a hand, a cable, a push.
+"""Touches: moments in which something outside the model moved a mechanism, such as a hand, a cable or a push.
 
-What pushes a link moves all joints that carry it at once, shortly, and far more than most effects do. No effect of the
-catalogue does that, so that these moments tell nothing of what the model lacks, and hide what the rest of the record tells.
+A push on a link moves all joints that carry it at once, for a short time, and far more than most effects do. No effect of the
+catalogue does that. Such moments therefore tell nothing of what the model lacks, and hide what the rest of the record tells.
 """
 
 from __future__ import annotations
@@ -18,42 +18,43 @@ from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.geometry import Array
 
 _BLOCK = 0.02
-"""Time over which squared residuals are averaged, s."""
+"""Length of the blocks over which squared residuals are averaged, s."""
 
 _LOUD = 10.0
-"""Multiple of the median squared residual, and of the noise's, from which on a moment is one of a touch."""
+"""Multiple of the median squared residual, and of the noise's, above which a block belongs to a touch."""
 
 _BEFORE = 0.05
-"""Time before such a moment in which a touch may have begun, s."""
+"""Time before such a block in which the touch may have begun, s."""
 
 _BEHIND = 4.0
-"""Time constants of the controller after which what a touch displaced is back."""
+"""Time constants of the controller after which a displaced joint is back."""
 
 _LONGEST = 0.4
 """Largest share of a record that touches may take."""
 
 _MOSTLY, _HALF = 0.8, 0.5
-"""Share of what exceeds the noise that falls into the touches: of one record at least, and of others of the same case."""
+"""Least share of the excess over the noise that must fall into touches: on at least one record, and on every other record of
+which touches are left out."""
 
 _SLIGHT = 0.1
-"""Share of what exceeds the noise below which a stretch is no touch of its own."""
+"""Share of the excess over the noise up to which a stretch does not count as a touch."""
 
 _ALONE = 0.9
-"""Share of that on one joint from which on something may be wrong with this joint instead."""
+"""Share of the excess within touches on one joint above which something may be wrong with that joint instead."""
 
 _TOLD = 0.4
-"""Share of the squared residual of `fit` that the signatures of one candidate must tell to be looked for in all of it."""
+"""Share of the excess over the noise on `fit` that the signatures of one candidate must explain for nothing to be left out."""
 
 
 def leave_out_touches(views: Mapping[str, JointResiduals], bank: SignatureBank) -> dict[str, list[tuple[float, float]]]:
-    """Let moments count no longer in which something touched the mechanism, unless an effect may explain them.
+    """Leave out moments in which something touched the mechanism, unless an effect may explain them.
 
     Args:
-        views: Residuals by role, which leave them out from then on.
+        views: Residuals by role, which are changed: they leave out these moments from then on.
         bank: Signatures on `fit`.
 
     Returns:
-        Begin and end of what was left out, s from the record's first sample, by role; empty where nothing was.
+        Begin and end of each stretch that was left out, s from the record's first sample, by role; empty if there is none.
     """
     found = touches(views)
     if "fit" not in found:
@@ -71,11 +72,11 @@ def leave_out_touches(views: Mapping[str, JointResiduals], bank: SignatureBank) 
 
 
 def touches_told(left_out: Mapping[str, Sequence[tuple[float, float]]], alone: bool = False) -> str:
-    """A sentence on what was left out.
+    """Write a sentence on the touches that were left out.
 
     Args:
-        left_out: Begin and end, s, by role.
-        alone: Whether simulation and measurement agree at all other times, which makes it the whole finding.
+        left_out: Begin and end of each touch, s, by role.
+        alone: Whether simulation and measurement agree at all other times, so that the touches are the whole finding.
     """
     where = "; ".join(
         f"'{role}' {' and '.join(f'from {begin:.2f} to {end:.2f} s' for begin, end in spans)}"
@@ -88,13 +89,14 @@ def touches_told(left_out: Mapping[str, Sequence[tuple[float, float]]], alone: b
 
 
 def touches(views: Mapping[str, JointResiduals]) -> dict[str, list[tuple[int, int]]]:
-    """First sample of each touch, and the one behind its last, of the records in which something touched the mechanism.
+    """Find the touches on each record.
 
     Args:
         views: Residuals by role.
 
     Returns:
-        By role; empty where nothing looks like a touch, or where it might be one joint's fault.
+        First sample of each touch, and the one behind its last, by role. Empty if nothing looks like a touch, or if the fault
+        of a single joint might look the same.
     """
     found: dict[str, list[tuple[int, int]]] = {}
     shares, joints = dict[str, float](), np.zeros(len(next(iter(views.values())).record.joints))
@@ -120,7 +122,11 @@ def touches(views: Mapping[str, JointResiduals]) -> dict[str, list[tuple[int, in
 
 
 def _stretches(view: JointResiduals, residual: Array) -> list[tuple[int, int]]:
-    """First samples, and those behind the last, of what stands out from all else, until what it displaced is back. [T, C]."""
+    """Find stretches that stand out from the rest of a residual [T, C], until the displaced joints are back.
+
+    Returns:
+        First sample of each stretch, and the one behind its last.
+    """
     period, count = view.record.period, len(residual)
     length = max(1, round(_BLOCK / period))
     blocks = np.add.reduceat((residual**2).mean(axis=1), np.arange(0, count, length)) / length
@@ -129,6 +135,6 @@ def _stretches(view: JointResiduals, residual: Array) -> list[tuple[int, int]]:
     back = int(np.ceil(_BEHIND * max(view.memory(k) for k in range(len(view.record.joints)))))
     inside = np.zeros(count, bool)
     for begin, end in stretches(loud):
-        # What swings back through zero, or is quiet for a moment, is one touch.
+        # Stretches that overlap become one touch: a joint swings back through zero, or is quiet for a moment.
         inside[max(0, begin * length - before) : end * length + back] = True
     return [(int(first), int(last)) for first, last in stretches(inside)]

@@ -1,5 +1,7 @@
-"""What the third record says of an explanation. It had no part in fitting or choosing, but for limits that `fit` never reaches,
-of which it must show something, too."""
+"""Verification of an explanation on the third record.
+
+This record has no part in fitting or choosing, except that a limit which `fit` never reaches must show on it.
+"""
 
 from __future__ import annotations
 
@@ -29,10 +31,11 @@ def verify(
     """Replay a record with and without effects; sizes are root mean squares in units of the noise (1 is noise alone).
 
     Args:
-        view: Residuals of a record that was not fitted.
-        effects: What was found.
-        rng: Random numbers for effect-free replicates.
-        beside: What is left beside the error of the parameters, which is then no alarm. [T, C].
+        view: Residuals on a record that was not fitted.
+        effects: Effects that were found.
+        rng: Random numbers for replicates without effects.
+        beside: Function that computes the residual less what errors of the parameters explain, [T, C]; called only if the
+            residual as it is would raise an alarm. None to allow for no such errors.
         alarm: p-value below which a discrepancy counts.
     """
     sizes, plain, residual = [], view.residual(), np.zeros(0)
@@ -53,17 +56,18 @@ def verify(
 
 
 def named_by_third(finding: Finding, views: Sequence[JointResiduals], rules: Rules, floor: float, runs: int) -> Finding:
-    """The finding after a `third_opinion` by the last record, which counts only if errors that are known do not make it.
+    """Let the last record decide an ambiguous finding by `third_opinion`, unless known errors could make the difference.
 
-    On a record that moves faster, the error of a parameter may leave more of the right explanation than a wrong one leaves. And
-    near twins may differ by no more than the step of time changes: a late command is simulated, a late clock is not.
+    The opinion must hold after two corrections. On a faster record, an error of the parameters may leave more of the right
+    explanation than a wrong one leaves. Similar effects may also differ by no more than the error of the time step: a late
+    command is simulated, a late clock is not.
 
     Args:
-        finding: What two records tell.
-        views: Residuals on all records, the one that no fit has seen last.
+        finding: Finding from the first two records.
+        views: Residuals on all records, last the one that no fit has seen.
         rules: Thresholds.
         floor: Squared residual of noise alone on `select`.
-        runs: Simulations that are left to ask; without enough of them, nothing is named.
+        runs: Simulations that are left; if too few, the finding is returned unchanged.
     """
     third = views[-1]
     named = third_opinion(finding, lambda trial: third.residual(trial.fit.effects), rules, floor)
@@ -83,11 +87,11 @@ def named_by_third(finding: Finding, views: Sequence[JointResiduals], rules: Rul
 
 
 def stepped(trial: Hypothesis, views: Sequence[JointResiduals]) -> Hypothesis:
-    """An explanation with what it would leave of `fit` and `select` at a vanishing step of time; two simulations.
+    """Recompute what an explanation leaves on `fit` and `select` at a vanishing time step; this takes two simulations.
 
     Args:
         trial: The explanation.
-        views: Residuals on these records, and perhaps others.
+        views: Residuals on `fit` and `select`; others may follow.
     """
     first, second = (_fine(view, trial.fit.effects) for view in views[:2])
     fitted = replace(trial.fit, chi2=float((first**2).sum()))
