@@ -1,7 +1,8 @@
-"""Coordinates in which a fit moves: the parameters of effects, or their products with what weighs them.
+"""Coordinates in which a fit moves: the parameters of effects, or the products of a shape and the amplitude that weights it.
 
-A mass at a place pulls with the product of the two, a moment, which a record tells well; which of many masses and places it is,
-it hardly tells. Parameters that fit lie along a hyperbola, where straight steps get nowhere. In the product they lie on a line.
+A mass at a place pulls with the product of the two, a moment. A record determines the moment well, but hardly which mass and
+place it comes from. Parameters that fit lie along a hyperbola, on which straight steps make no progress. With the product as a
+coordinate, they lie on a line.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.geometry import Array
 
 _LEAST = 1e-3
-"""Share of a typical amplitude below which it no longer weighs a shape, so that the shape stays finite."""
+"""Least factor of a shape, as a share of the typical amplitude: it keeps the shape finite when the amplitude goes to zero."""
 
 _ROUNDING = 1e-12
-"""Share of a bound within which a parameter lies on it."""
+"""Distance from a bound, as a share of it, within which a parameter is set onto the bound."""
 
 
 class Coordinates:
@@ -25,13 +26,14 @@ class Coordinates:
 
     Args:
         who: The candidates.
-        weighted: Whether shapes move as their products with what weighs them; otherwise the coordinates are the parameters.
+        weighted: Whether the coordinate of a shape is its product with the amplitude that weights it; if not, all coordinates
+            are the parameters themselves.
     """
 
     def __init__(self, who: Sequence[Candidate], weighted: bool = True) -> None:
         parameters = [p for candidate in who for p in candidate.effect.parameters]
         self._low, self._high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
-        # Amplitudes are looked at down to a fiftieth of a typical one, shapes in tenths of their range.
+        # Smallest scale: a fiftieth of the typical amplitude, or a tenth of a shape's range.
         self._grain = np.array([0.02 * p.typical if p.amplitude else p.grain or 0.1 * (p.high - p.low) for p in parameters])
         self._pairs: list[tuple[int, int]] = []
         self._floor = np.array([_LEAST * abs(p.typical) for p in parameters])
@@ -47,26 +49,26 @@ class Coordinates:
         return len(self._low)
 
     def factors(self, vector: Array) -> Array:
-        """What each parameter is multiplied by, 1 for most; from parameters or coordinates. [P] -> [P]."""
+        """Compute the factor of each parameter, 1 for most, from parameters or coordinates alike. [P] -> [P]."""
         out = np.ones(len(self))
         for shape, amplitude in self._pairs:
             out[shape] = max(abs(vector[amplitude]), self._floor[amplitude])
         return out
 
     def of(self, parameters: Array) -> Array:
-        """Coordinates of parameters. [P] -> [P]."""
+        """Convert parameters to coordinates. [P] -> [P]."""
         return parameters * self.factors(parameters)
 
     def parameters(self, vector: Array) -> Array:
-        """Parameters at some coordinates. [P] -> [P]."""
+        """Convert coordinates to parameters. [P] -> [P]."""
         out = vector / self.factors(vector)
-        # A product of a bound, divided, may lie a rounding beyond it, where no model may be.
+        # Dividing the product again may leave a parameter beyond its bound by a rounding error, which no model accepts.
         for bound in (self._low, self._high) if self._pairs else ():
             out = np.where(np.abs(out - bound) <= _ROUNDING * np.abs(bound), bound, out)
         return out
 
     def slopes(self, vector: Array) -> Array:
-        """Derivatives of the parameters by the coordinates. [P, P]."""
+        """Compute the derivatives of the parameters by the coordinates. [P, P]."""
         factors = self.factors(vector)
         out = np.diag(1.0 / factors)
         for shape, amplitude in self._pairs:
@@ -75,17 +77,17 @@ class Coordinates:
         return out
 
     def bounds(self, vector: Array) -> tuple[Array, Array]:
-        """Lowest and highest coordinates, of products at the present amplitudes. [P] each."""
+        """Compute the lowest and highest coordinates; those of products hold at the present amplitudes. [P] each."""
         factors = self.factors(vector)
         return self._low * factors, self._high * factors
 
     def within(self, vector: Array, kept: bool = True) -> Array:
-        """Coordinates near to some whose parameters make sense. [P] -> [P].
+        """Move coordinates to nearby ones whose parameters lie within their bounds. [P] -> [P].
 
         Args:
             vector: Coordinates. [P].
-            kept: Whether a product is kept where its shape would lie out of bounds, and its amplitude grows, since records
-                mostly tell products; otherwise the product gives way.
+            kept: What to do if a shape lies out of bounds. If true, keep the product, which records mostly determine, and let
+                the amplitude grow; otherwise change the product.
         """
         out = vector.copy()
         for shape, amplitude in self._pairs if kept else ():
@@ -98,5 +100,5 @@ class Coordinates:
         return self.of(np.clip(self.parameters(out), self._low, self._high))
 
     def scale(self, vector: Array) -> Array:
-        """Scales on which the coordinates move. [P]."""
+        """Compute the typical step of each coordinate. [P]."""
         return np.maximum(np.abs(vector), self._grain * self.factors(vector))

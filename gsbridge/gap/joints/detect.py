@@ -1,7 +1,7 @@
-"""Is there a discrepancy at all: statistics of residuals, calibrated by effect-free replicates instead of by theory.
+"""Detection of a discrepancy: statistics of residuals, calibrated on replicates without effects instead of by theory.
 
-Replicates hold white noise that passed the same estimate of its size, by how much another step of time changes the replay, and
-what the user tolerates: slow deviations of all colours.
+A replicate is the sum of white noise, scaled by the same estimate of its size as a record's; a random multiple of the change
+by a finer time step; and slow deviations as large as the user tolerates, with random correlation times.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
 SCALES = (1, 4, 16, 64)
-"""Lengths of the blocks over which residuals are averaged, samples: an effect lasts longer than noise."""
+"""Lengths of the blocks over which residuals are averaged, samples. Effects last longer than noise and survive averaging."""
 
 REPLICATES = 199
-"""Replicates of the noise that a null distribution is made of."""
+"""Number of replicates of the noise in a null distribution."""
 
 COLOUR_RECORDS = 2
-"""Records that tell the size of noise whose neighbouring samples are alike: `fit` and `select`."""
+"""Number of records from which the size of coloured noise is estimated: `fit` and `select`."""
 
 _UNSURE = 0.5
-"""Spread, in multiples of what a finer step changes, of what is left of the step's error after it was taken off."""
+"""Standard deviation of the time step's error that remains after correction, in multiples of the change by a finer step."""
 
 
 def excess(residual: Array) -> Array:
-    """How far squared residuals exceed white noise, in standard deviations: for every scale, of each channel and of all.
+    """Compute how far squared residuals exceed those of white noise, in standard deviations.
 
     Args:
-        residual: Whitened. [T, C].
+        residual: Whitened residual. [T, C].
 
     Returns:
-        [S * (C + 1)].
+        For each of the S `SCALES`: the excess of each channel, then that of all channels. [S * (C + 1)].
     """
     out = []
     for scale in SCALES:
@@ -54,9 +54,9 @@ class JointNull:
     """Null distribution of residuals without any effect.
 
     Args:
-        excesses: What `excess` gives for each replicate. [R, S * (C + 1)].
+        excesses: Result of `excess` for each replicate. [R, S * (C + 1)].
         gains: Largest gain of any signature in each replicate; empty without a bank. [R].
-        share: Mean squared residual of one number.
+        share: Mean square of one number of the replicates.
     """
 
     excesses: Array
@@ -64,7 +64,7 @@ class JointNull:
     share: float
 
     def statistic(self, residual: Array) -> float:
-        """Largest excess of a residual among scales and channels, in standard deviations of the replicates. [T, C]."""
+        """Compute a residual's largest excess over scales and channels, in standard deviations of the replicates. [T, C]."""
         return float(((excess(residual) - self._middle) / self._spread).max())
 
     @property
@@ -76,17 +76,17 @@ class JointNull:
         return np.maximum(np.quantile(self.excesses, 0.975, axis=0) - self._middle, 1.0) / 1.96
 
     def p_value(self, residual: Array) -> float:
-        """P-value of a residual's statistic among those of the replicates, by `tail_pvalue`. [T, C]."""
+        """Compute the p-value of a residual's statistic among those of the replicates, by `tail_pvalue`. [T, C]."""
         replicas = ((self.excesses - self._middle) / self._spread).max(axis=1)
         return tail_pvalue(replicas, self.statistic(residual))
 
     def p_gain(self, gain: float) -> float:
-        """Share of replicates in which some signature gains as much by chance; 1 without a bank."""
+        """Compute the probability that some signature gains as much by chance; 1 without a bank."""
         return tail_pvalue(self.gains, gain) if len(self.gains) else 1.0
 
 
 def _estimated(view: JointResiduals, noise: Array) -> Array:
-    """Noise of each channel as it is found on a record: by neighbouring samples, or as a whole where they are alike.
+    """Estimate the noise of each channel as on a record: from neighbouring samples, or from all of it if it is coloured.
 
     [T, C] -> [C].
     """
@@ -96,7 +96,7 @@ def _estimated(view: JointResiduals, noise: Array) -> Array:
 
 
 def _slow(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """A slow deviation of unit size, of a memory drawn between a few samples and the whole record. [T, C]."""
+    """Draw a slow deviation of unit size, with a correlation time between four samples and four records. [T, C]."""
     memory = np.exp(-1.0 / np.exp(rng.uniform(np.log(4.0), np.log(4.0 * shape[0]))))
     start = rng.standard_normal((1, shape[1]))
     return lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(shape), axis=0, zi=memory * start)[0]
@@ -105,13 +105,13 @@ def _slow(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 def joint_null(
     view: JointResiduals, rng: np.random.Generator, screen: Screen | None = None, replicates: int = REPLICATES
 ) -> JointNull:
-    """Draw effect-free replicates of a view's residual.
+    """Draw replicates of a view's residual without effects.
 
     Args:
         view: The record, the mechanism that replays it, and the noise.
         rng: Random numbers.
-        screen: Signatures whose largest gain by chance is drawn, too; none when None.
-        replicates: How many to draw.
+        screen: Signatures whose largest gain in each replicate is computed, too; None to compute none.
+        replicates: Number of replicates.
     """
     gap = view.stepping()
     shape = gap.shape
@@ -121,11 +121,11 @@ def joint_null(
     found = np.stack([_estimated(view, noise) for noise in noises])
     excesses, residuals = [], []
     for noise, own in zip(noises, found, strict=True):
-        # Other records' estimates are as good as those of other replicates and channels.
+        # Imitate the pooling over records: estimates of other replicates and channels stand for those of the other records.
         if view.colour is None:
             others = rng.choice(found.ravel(), (view.records - 1, shape[1]))
         else:
-            # Each channel has a memory of its own, and the third record tells nothing of its size.
+            # Draw per channel, since correlation times differ, and without the third record, which gives no estimate.
             others = found[rng.integers(replicates, size=(COLOUR_RECORDS - 1, shape[1])), np.arange(shape[1])]
             own = found[rng.integers(replicates, size=shape[1]), np.arange(shape[1])]
         size = np.sqrt((np.vstack([own[None], others]) ** 2).mean(axis=0))

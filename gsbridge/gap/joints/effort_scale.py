@@ -1,4 +1,4 @@
-"""What becomes of a gap if efforts are logged in another scale than the model has: a drive's constant, a unit."""
+"""Test whether the gap comes from the scale of the logged efforts: a wrong torque constant or a wrong unit."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _HALF = 0.5
-"""Share of the gap's squares that other scales may leave to be told."""
+"""Share of the gap's squares that may be left, with other scales, for them to be reported."""
 
 _SLIGHT = 0.01
-"""Change of a scale that is not told."""
+"""Largest deviation of a scale from 1 that is not reported."""
 
 
 @dataclass(frozen=True)
 class EffortScale:
-    """The model without effects, with efforts in a scale of each joint's own.
+    """The gap of the model without effects, with a fitted scale of the efforts for each joint.
 
     Args:
-        scales: Logged efforts by those of the model, by joint.
-        before: Squared residual of both records as they are logged.
+        scales: Ratio of logged to simulated effort, by joint.
+        before: Squared residual of all records as they are logged.
         after: Squared residual with these scales.
-        freedom: Independent numbers in both.
+        freedom: Degrees of freedom of the residuals.
     """
 
     scales: dict[str, float]
@@ -35,14 +35,14 @@ class EffortScale:
     freedom: int
 
     def rivals(self, finding: Finding) -> bool:
-        """Whether it closes most of the gap, and explains as much as the best effects do."""
+        """Tell whether the scales close most of the gap and explain as much as the best effects."""
         best = finding.best
         better = self.after - self.freedom < _HALF * (self.before - self.freedom)
         return better and best is not None and self.after <= best.chi2 + float((best.first**2).sum())
 
     @property
     def sentence(self) -> str:
-        """What a reader must know."""
+        """A sentence for the reader."""
         sizes = [(squares / self.freedom) ** 0.5 for squares in (self.before, self.after)]
         listed = ", ".join(f"{joint} {scale:.3g}" for joint, scale in self.scales.items() if abs(scale - 1.0) > _SLIGHT)
         turned = [joint for joint, scale in self.scales.items() if scale < 0.0]
@@ -55,10 +55,10 @@ class EffortScale:
 
 
 def effort_scale(views: Sequence[JointResiduals]) -> EffortScale | None:
-    """Fit a scale of the efforts to each joint of a model without effects; None where no efforts are logged.
+    """Fit a scale of the efforts to each joint, for the model without effects; None if no efforts are logged.
 
     Args:
-        views: Records of one mechanism.
+        views: Residuals on records of one mechanism.
     """
     columns = [number for number, (kind, _) in enumerate(views[0].channels) if kind == "effort"]
     if not columns:

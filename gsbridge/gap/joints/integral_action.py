@@ -1,4 +1,4 @@
-"""Whether logged efforts follow the integral of the position's error: a controller that the model does not have."""
+"""Test whether logged efforts follow the integral of the position error: the model's controller has no such term."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _EXPLAINED = 0.8
-"""Share of the squares of what efforts hold beyond the model's controller that integrals must explain to be told."""
+"""Share of the squared efforts beyond the model's controller that integrals must explain to be reported."""
 
 _OTHERS = 0.5
-"""Share of what other gains and a later command leave of them, below which integrals must leave."""
+"""Largest squared residual after a fit of integrals, as a share of that after a fit of other gains and a delayed command."""
 
 _LARGE = 3.0
-"""Size of that, in units of its noise, from which on it is looked at."""
+"""Size of the efforts beyond the model's controller, in units of their noise, from which on they are examined."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,8 @@ class IntegralAction:
 
     Args:
         gains: Torque by integrated error, N m/(rad s), of the joints that have such efforts.
-        explained: Share of the squares of what efforts hold beyond the model's controller, the least of these joints.
+        explained: Share of the squared efforts beyond the model's controller that the integrals explain: the least of these
+            joints' shares.
     """
 
     gains: dict[str, float]
@@ -34,7 +35,7 @@ class IntegralAction:
 
     @property
     def sentence(self) -> str:
-        """What a reader must know."""
+        """A sentence for the reader."""
         listed = ", ".join(f"{joint} {gain:.3g} N m/(rad s)" for joint, gain in self.gains.items())
         return (
             "The machine's controller is not the model's: logged efforts hold the integral of the position's error besides "
@@ -45,10 +46,10 @@ class IntegralAction:
 
 
 def integral_action(views: Sequence[JointResiduals]) -> IntegralAction | None:
-    """Ask whether efforts hold integrals of errors; None where they do not, or where nothing tells.
+    """Test whether efforts contain integrals of position errors; None if not, or if the records cannot tell.
 
     Args:
-        views: Records of one mechanism.
+        views: Residuals on records of one mechanism.
     """
     places = {channel: column for column, channel in enumerate(views[0].channels)}
     controller = views[0].mechanism.system.controller
@@ -67,7 +68,7 @@ def integral_action(views: Sequence[JointResiduals]) -> IntegralAction | None:
             logged, wanted = view.stack(view.record.measured), view.record.commands["command"][:, k]
             apart = logged - view.replay()
             error = wanted - logged[:, position]
-            # What the controllers ask of one error alike is gone.
+            # Take off the response of the model's controller to the difference between logged and simulated motion.
             more.append(_centred(apart[:, effort] + stiffness * apart[:, position] + damping * apart[:, speed]))
             integrals.append(_centred(np.cumsum(error) * view.record.period))
             rate = np.gradient(wanted, view.record.period)
@@ -86,6 +87,6 @@ def integral_action(views: Sequence[JointResiduals]) -> IntegralAction | None:
 
 
 def _centred(values: Array) -> Array:
-    """Values less their mean: what an integral held before the log is not known. [T]."""
+    """Take off the mean, since the value of an integral at the start of the log is unknown. [T]."""
     centred: Array = values - values.mean()
     return centred

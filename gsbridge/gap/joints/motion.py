@@ -1,4 +1,4 @@
-"""Whether residuals beyond white noise are motion of the mechanism, or noise of another colour."""
+"""Decide whether residuals beyond white noise are motion of the mechanism or coloured noise."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _HUGE = 5.0
-"""Residual, in units of the noise, from which on a channel that no other one bears witness to is taken to move."""
+"""Root mean square residual, in units of the noise, from which on a channel that no other can confirm is taken to move."""
 
 _JOLT, _NORMAL = 6.0, 1.4826
-"""Residual, in multiples of the usual one, of a moment that no noise makes in two channels at once, and standard deviation of
-normal noise in units of its median size."""
+"""Residual, in multiples of the usual size, above which a moment counts as a jolt if two channels show it at once; and ratio of
+the standard deviation of normal noise to its median absolute value."""
 
 _TOGETHER = 0.002
-"""Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
-motion where this decides."""
+"""p-value below which channels do not move together by chance. It is smaller than that of an alarm, since where this test
+decides nothing else speaks for motion."""
 
 
 def is_motion(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator, deviations: float) -> bool:
-    """Whether the channels of the residuals move together or jolt at once, or are large and follow the mechanism.
+    """Tell whether residuals are motion: channels move together or jolt at once, or are large and follow the mechanism.
 
-    Noise that passed a filter is any number of times what neighbouring samples tell of it.
+    Size alone proves nothing: filtered noise may be many times as large as neighbouring samples show.
 
     Args:
-        views: The records `fit` and `select`.
-        residuals: Whitened, of each. [T, C].
-        rng: Generator of surrogates.
+        views: Residuals on `fit` and `select`.
+        residuals: Whitened residual of each record. [T, C] each.
+        rng: Random numbers for surrogates.
         deviations: Standard deviations by which a mean gain on `select` must exceed chance.
     """
     huge = np.zeros(residuals[-1].shape[1], bool)
@@ -49,21 +49,21 @@ def is_motion(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: 
 
 
 def jolted(view: JointResiduals, residual: Array) -> set[int]:
-    """Joints of which two channels err at once, for a moment, by far more than at all other times.
+    """Find joints of which two channels have, at the same moment, far larger residuals than at all other times.
 
-    A belt that slips and a stop that is hit are over in some samples, which hardly show in a spectrum.
+    A slipping belt or a hit stop lasts a few samples only, which hardly show in a spectrum.
 
     Args:
-        view: A record.
-        residual: Whitened. [T, C].
+        view: Residuals on a record.
+        residual: Whitened residual. [T, C].
     """
     usual = np.maximum(1.0, _NORMAL * np.median(np.abs(residual), axis=0))
     large = np.abs(residual) > _JOLT * usual
-    # Two samples of one moment may be neighbours.
+    # The same jolt may fall on neighbouring samples in two channels.
     around = large.copy()
     around[1:] |= large[:-1]
     around[:-1] |= large[1:]
-    # Whether a channel was computed from another one is told by all other moments.
+    # Whether a channel was computed from another one is judged without these moments.
     witnesses = related(view, np.where(around.any(axis=1, keepdims=True), np.nan, residual))
     places = {channel: column for column, channel in enumerate(view.channels)}
     return {k for kind, k in witnesses if (around[:, places[(kind, k)]] & around[:, places[("position", k)]]).any()}
@@ -72,18 +72,18 @@ def jolted(view: JointResiduals, residual: Array) -> set[int]:
 def other_noise(
     views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator, deviations: float
 ) -> tuple[Array, list[NoiseColour]] | None:
-    """What the noise is, if residuals beyond white noise are noise that forgets itself soon; None if they are motion, perhaps.
+    """Estimate the noise from residuals, if these are coloured noise with a short memory; None if they may be motion.
 
-    Its size is told by the first two records alone, so that the third can still refute what was found.
+    The size of the noise is taken from the first two records alone, so that the third can still refute an explanation.
 
     Args:
-        views: The records `fit`, `select` and `verify`, with white noise.
-        residuals: What an explanation leaves of each, whitened. [T, C].
-        rng: Generator of surrogates.
+        views: Residuals on `fit`, `select` and `verify`, with white noise.
+        residuals: Whitened residual that an explanation leaves on each record. [T, C] each.
+        rng: Random numbers for surrogates.
         deviations: Standard deviations by which a mean gain on `select` must exceed chance.
 
     Returns:
-        Its standard deviation, [C], and its law in each record.
+        Standard deviation of the noise of each channel, SI units [C], and its colour in each record.
     """
     parts = [[residual[a:b] for a, b in view.spans] for view, residual in zip(views, residuals, strict=True)]
     sizes = [np.sqrt((residual**2).mean(axis=0)) for residual in residuals]
@@ -100,20 +100,20 @@ def other_noise(
 
 
 def vibrates(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator) -> bool:
-    """Whether channels of a joint share a line of their spectra, which no colour of the noise makes.
+    """Tell whether channels of a joint share a line of their spectra, as a vibration makes it and coloured noise does not.
 
     Args:
-        views: The records `fit` and `select`.
-        residuals: Whitened, of each. [T, C].
-        rng: Generator of surrogates.
+        views: Residuals on `fit` and `select`.
+        residuals: Whitened residual of each record. [T, C] each.
+        rng: Random numbers for the null distribution.
     """
     return line_p(views, residuals, rng) < _TOGETHER
 
 
 def _without_course(views: Sequence[JointResiduals], residuals: Sequence[Array]) -> Array:
-    """Residual on the last record without what the first teaches of how it goes with the nominal motion of each joint. [T, C].
+    """Take off the last record's residual its regression on each joint's nominal motion, as fitted to the first. [T, C].
 
-    A sensor in another scale errs by the motion, though nothing moves otherwise.
+    The error of a sensor with a wrong scale is proportional to the motion, although the mechanism moves as simulated.
     """
     known, other = residuals
     out = np.empty_like(other)

@@ -1,4 +1,4 @@
-"""White noise on logged series: its size from differences, which motion leaves alone, pooled over records of one sensor."""
+"""Estimate white noise on logged series from their differences, which hardly contain motion, and pool it over records."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from scipy.stats import f as f_ratio
 from gsbridge.geometry import Array
 
 _ORDER = 4
-"""Order of the difference whose spread tells the noise: motion is gone from it, white noise is not."""
+"""Order of the difference from which the noise is estimated: it removes the motion, but not white noise."""
 
 _CUT = 3.0
-"""Spreads beyond which a difference is a jump (friction at a reversal, a lost sample), not noise."""
+"""Standard deviations beyond which a difference is a jump (friction at a reversal, a lost sample), not noise."""
 
 _KEPT_SHARE = 0.9733
-"""Variance of a normal variable within `_CUT` spreads."""
+"""Variance of a standard normal variable that is cut off at `_CUT` standard deviations."""
 
 _ALIKE = 1.3
-"""Ratio up to which estimates of several records are taken for one noise, however long they are."""
+"""Ratio up to which the estimates of several records always count as the same noise, however long the records are."""
 
 _PER_FREEDOM = 2.9
-"""Samples of a record for each independent square in an estimate: differences of neighbouring samples share their noise (2.6
-in theory), and some are cut off."""
+"""Samples per degree of freedom of an estimate: neighbouring differences are correlated (2.6 in theory), and some are cut
+off."""
 
 _RARE = 1e-6
-"""Probability that two estimates of one noise differ so much that they are taken for two: a case compares dozens of channels,
-each on three records."""
+"""Probability that two estimates of the same noise are taken for different ones. It is small, since a case compares dozens of
+channels, each on three records."""
 
 
 def white_noise(values: Array) -> Array:
-    """Spread of the white noise on smooth series, robust against jumps. [T, N] -> [N]."""
+    """Estimate the standard deviation of white noise on smooth series, robust against jumps. [T, N] -> [N]."""
     high = np.diff(values, _ORDER, axis=0)
     high = high - np.median(high, axis=0)
     rough = 1.4826 * np.median(np.abs(high), axis=0)
@@ -42,17 +42,17 @@ def white_noise(values: Array) -> Array:
 
 
 def pooled(estimates: Sequence[Array], counts: Sequence[int]) -> list[Array]:
-    """Noise per record and channel: one estimate where the records agree, each record's own where they do not.
+    """Pool noise estimates over records, channel by channel; where records disagree, each keeps its own.
 
     Args:
-        estimates: Noise of each channel as each record tells it. [C] each.
-        counts: Samples of each record.
+        estimates: Noise of each channel as estimated on each record. [C] each.
+        counts: Number of samples of each record.
 
     Returns:
-        [C] each.
+        Noise of each channel for each record. [C] each.
     """
     table = np.stack(estimates)
-    # A short record's estimate differs from another's by chance: its own would then make noise of a motion, or motion of noise.
+    # Estimates from short records differ by chance. Kept apart, they would turn motion into noise, or noise into motion.
     freedom = max(min(counts) / _PER_FREEDOM, 1.0)
     alike = max(_ALIKE, float(np.sqrt(f_ratio.isf(_RARE, freedom, freedom))))
     same = table.max(axis=0) < alike * table.min(axis=0)

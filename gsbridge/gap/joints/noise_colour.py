@@ -1,7 +1,7 @@
-"""Noise whose neighbouring samples are alike: what it is taken for, and when what an explanation leaves may be taken for it.
+"""Coloured noise: an autoregressive model of it, and a test whether a residual may be such noise.
 
-A filter in a sensor, or in the driver that reads it, makes noise that differences of neighbouring samples show too small. Such
-noise forgets itself within a fraction of a second and has no share in the motion; what a missing effect leaves does neither.
+A filter in a sensor, or in the driver that reads it, makes noise that differences of neighbouring samples underestimate. Such
+noise is correlated over a fraction of a second only, and not with the motion; the residual of a missing effect is neither.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from scipy.signal import lfilter
 from gsbridge.geometry import Array
 
 _ORDER = 2
-"""Samples before one that tell it: a filter of first order, and white noise on top of what it lets through."""
+"""Order of the autoregressive law: it approximates noise behind a filter of first order, with white noise added to it."""
 
 _LONGEST = 0.1
-"""Longest time, s, after which noise has forgotten itself to 1/e: arms move more slowly."""
+"""Longest time constant of coloured noise, s: its autocorrelation has fallen to 1/e then. Arms move more slowly."""
 
 _SLIGHT = 1.2
-"""Multiple of the noise that neighbouring samples show, over all channels, up to which its colour does not matter."""
+"""Root mean square residual over all channels up to which colour does not matter, in units of the noise that neighbouring
+samples show."""
 
 
 _Act = Callable[[Array, Array, float], Array]
@@ -33,9 +34,9 @@ class NoiseColour:
     """An autoregressive law of each channel's noise, of unit variance.
 
     Args:
-        coefficients: Of the samples before one, the nearest first. [P, C].
-        innovation: Standard deviation of what those do not tell. [C].
-        samples: Samples of each channel that it was fitted to.
+        coefficients: Coefficients of the samples before, the nearest first. [P, C].
+        innovation: Standard deviation of the part that the samples before do not predict. [C].
+        samples: Number of samples of each channel to which the law was fitted.
 
     Source: Box and Jenkins, Time Series Analysis, 1970.
     """
@@ -46,7 +47,7 @@ class NoiseColour:
 
     @classmethod
     def of(cls, parts: Sequence[Array]) -> NoiseColour:
-        """Fit the law to stretches of noise of unit variance, by Yule's and Walker's equations. [T, C] each."""
+        """Fit the law to stretches of noise by the Yule-Walker equations. [T, C] each."""
         lags = np.stack(
             [sum((part[lag:] * part[: len(part) - lag]).sum(axis=0) for part in parts) for lag in range(_ORDER + 1)]
         )
@@ -56,30 +57,30 @@ class NoiseColour:
 
     @property
     def memory(self) -> Array:
-        """Samples after which the noise of each channel has forgotten itself to 1/e. [C]."""
+        """Number of samples after which the autocorrelation of each channel's noise has fallen to 1/e. [C]."""
         return _samples(self._roots())
 
     @property
     def least_memory(self) -> Array:
-        """The same, as short as so many samples allow, by two standard deviations. [C]."""
+        """Lower bound of `memory`, by two standard deviations of its estimate from so many samples. [C]."""
         roots = self._roots()
         return _samples(roots - 2.0 * np.sqrt((1.0 - np.minimum(roots, 1.0) ** 2) / max(self.samples, 1)))
 
     def _roots(self) -> Array:
-        """How much of the noise is left from sample to sample in the long run. [C]."""
+        """Compute the factor by which the autocorrelation decays per sample in the long run. [C]."""
         return np.stack([np.abs(np.roots([1.0, *-column])).max() for column in self.coefficients.T])
 
     @property
     def steady(self) -> Array:
-        """What `whiten` makes of one that lasts. [C]."""
+        """Gain of `whiten` at a constant value. [C]."""
         return (1.0 - self.coefficients.sum(axis=0)) / self.innovation
 
     def whiten(self, values: Array) -> Array:
-        """What the samples before do not tell of each, of unit variance for such noise. [T, C] of one stretch."""
+        """Take off what the samples before predict, and scale such noise to unit variance. [T, C] of one stretch."""
         return self._each(values, lambda column, taps, size: lfilter(taps, [size], column))
 
     def colour(self, values: Array) -> Array:
-        """The inverse of `whiten`. [T, C] of one stretch."""
+        """Invert `whiten`. [T, C] of one stretch."""
         return self._each(values, lambda column, taps, size: lfilter([size], taps, column))
 
     def _each(self, values: Array, act: _Act) -> Array:
@@ -90,16 +91,16 @@ class NoiseColour:
 
 
 def _samples(roots: Array) -> Array:
-    """Samples in which a power of a number falls to 1/e."""
+    """Compute the number of samples after which a factor per sample has multiplied to 1/e."""
     return -1.0 / np.log(np.clip(roots, 1e-12, 1.0 - 1e-12))
 
 
 def forgetful(colour: NoiseColour, sizes: Array, period: float) -> bool:
-    """Whether a law is one of noise that a filter makes: larger than neighbouring samples show, and soon forgotten.
+    """Tell whether a residual may be noise of a filter: larger than neighbouring samples show, with a short memory.
 
     Args:
-        colour: The law.
-        sizes: Root mean squares of what is left, in units of the noise that neighbouring samples show. [C].
+        colour: Autoregressive law of the residual.
+        sizes: Root mean square of the residual, in units of the noise that neighbouring samples show. [C].
         period: Time between two samples, s.
     """
     large = float(np.sqrt((sizes**2).mean())) > _SLIGHT

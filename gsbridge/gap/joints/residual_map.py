@@ -1,4 +1,4 @@
-"""Where a difference shows: residuals by channel, phase of the motion and state, as a map that a person reads at a glance."""
+"""A map of residuals by channel, phase of the motion and state, which shows at a glance where a difference occurs."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ REST = 0.05
 """Share of a joint's largest speed below which it counts as at rest."""
 
 STEADY = 0.15
-"""Share of its largest acceleration below which its speed counts as steady."""
+"""Share of a joint's largest acceleration below which its speed counts as steady."""
 
 FEWEST = 8
-"""Samples that a cell needs; others stay empty."""
+"""Least number of samples in a cell; cells with fewer stay empty."""
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "phase": ("at rest", "speeds up +", "speeds up −", "steady +", "steady −", "slows down +", "slows down −"),
@@ -27,22 +27,23 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "position": ("low", "middle", "high"),
     "load": ("light", "heavy"),
 }
-"""Columns of the map. + and − are directions of the joint."""
+"""Columns of the map, in groups. + and − are directions of the joint."""
 
 
 def map_residuals(view: JointResiduals, residual: Array, outputs: Mapping[str, Array]) -> ResidualMap:
-    """Lay residuals over the motion.
+    """Map the residuals of a record onto the phases and states of its motion.
 
     Args:
-        view: The record's view.
-        residual: Whitened. [T, C].
-        outputs: Simulated motion without noise, `position`, `velocity`, `effort`. Each [T, N]; `tool` [T, 3] where measured.
+        view: Residuals on the record.
+        residual: Whitened residual. [T, C].
+        outputs: Simulated motion without noise, SI units: `position`, `velocity`, `effort`. Each [T, N]; `tool` [T, 3] where
+            measured.
     """
     names, time = tuple(view.record.label(kind, k) for kind, k in view.channels), view.record.time
     motion = [np.nan_to_num(outputs[kind]) for kind in ("position", "velocity", "effort")]
     cells = {False: [_cells(motion[0][:, k], motion[1][:, k], motion[2][:, k], time) for k in range(len(view.record.joints))]}
     if TOOL in outputs:
-        # Of the tool itself, along each axis; its load is that of all motors.
+        # For the tool, use its own motion along each axis, and the sum of all motors' efforts as its load.
         load = np.abs(motion[2]).sum(axis=1)
         cells[True] = [_cells(q, np.gradient(q, time), load, time) for q in np.nan_to_num(outputs[TOOL]).T]
     count = sum(len(columns) for columns in GROUPS.values())
@@ -58,7 +59,15 @@ def map_residuals(view: JointResiduals, residual: Array, outputs: Mapping[str, A
 
 
 def _cells(q: Array, v: Array, effort: Array, time: Array) -> list[Array]:
-    """Samples of each column of the map, for one joint or axis: positions, speeds, efforts. Each [T] of bool."""
+    """Find the samples of each column of the map, for one joint or axis.
+
+    Args:
+        q, v, effort: Positions, speeds and efforts, SI units. [T] each.
+        time: Times, s. [T].
+
+    Returns:
+        Samples of each column, in the order of `GROUPS`. [T] bool each.
+    """
     load, a = np.abs(effort), np.gradient(v, time)
     rest = np.abs(v) <= REST * max(np.abs(v).max(), 1e-12)
     even = ~rest & (np.abs(a) <= STEADY * np.quantile(np.abs(a), 0.99))

@@ -1,8 +1,8 @@
-"""How far records disagree about the sizes of effects: what a law that is not quite the machine's adds to an interval.
+"""Disagreement of records about the parameters of effects, which widens their intervals where the law is not quite right.
 
-One record tells a size as well as its noise lets it, if the law is right. Where it is not, another motion tells another size,
-and neither residuals nor their curvature need show it. Three records are few to tell how far they disagree: an interval that
-rests on that is wider than one of the same deviation that rests on noise.
+If the law of an effect is right, the noise of a record alone limits how well it determines a parameter. If the law is not quite
+the machine's, another motion gives another value, which neither residuals nor their curvature need show. The disagreement is
+estimated from three records only, so that an interval that rests on it is wider (Student's law) than one that rests on noise.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ _TAIL = 0.05
 """Probability beyond each end of a 90 % interval."""
 
 _CHANCE = 0.6
-"""Share of what chance lets records disagree that is allowed once more where one of them was fitted: its own error then widens
-its own interval. With this, 88 to 95 % of the intervals hold whatever the scatter is."""
+"""Additional share of the records' own variances that is taken off their scatter if a fit is to one record, whose own error
+widens the interval already. With this, 88 to 95 % of the 90 % intervals hold the true value, whatever the scatter."""
 
 
 @dataclass(frozen=True)
 class RecordSizes:
-    """What each record alone says of the parameters of a fit.
+    """Parameters of a fit as each record alone determines them.
 
     Args:
         values: Parameters. [records, P].
-        deviations: Standard deviation of each by its record; infinite where the record tells nothing. [records, P].
+        deviations: Standard deviation of each parameter; infinite where a record tells nothing of it. [records, P].
     """
 
     values: Array
@@ -41,15 +41,15 @@ class RecordSizes:
 
     @classmethod
     def of(cls, views: Sequence[JointResiduals], fitted: EffectFit) -> RecordSizes:
-        """Fit each record apart.
+        """Fit each record alone.
 
         Args:
             views: Residuals on all records.
-            fitted: A fit, from which each record's own begins.
+            fitted: Fit whose parameters each record's own fit starts from.
         """
         values, deviations = list[Array](), list[Array]()
         for view in views:
-            # Of what begins at a threshold, slopes alone would leave each record where the common fit has it.
+            # For effects with a threshold, derivatives alone would leave each record at the common fit; `settled` tries others.
             found = settled(view, polish(view, fitted))
             values.append(
                 np.concatenate([who.vector(one) for who, one in zip(found.who, found.values, strict=True)] or [np.zeros(0)])
@@ -60,16 +60,16 @@ class RecordSizes:
 
     @property
     def told(self) -> Array:
-        """How many records tell each parameter. [P]."""
+        """Number of records that determine each parameter. [P]."""
         return np.isfinite(self.deviations).sum(axis=0)
 
     def scatter(self, chance: float = 0.0) -> Array:
-        """Standard deviation of each parameter from record to record, beyond what the deviations of each explain. [P].
+        """Compute the standard deviation of each parameter between records, beyond the records' own deviations. [P].
 
         Args:
-            chance: Share of what they explain that is allowed once more.
+            chance: Additional share of the records' own variances that is taken off.
 
-        Source: DerSimonian and Laird, Controlled Clinical Trials 7, 1986, of records with equal weights.
+        Source: DerSimonian and Laird, Controlled Clinical Trials 7, 1986, for records with equal weights.
         """
         told, count = np.isfinite(self.deviations), self.told
         squares = np.where(told, np.square(np.where(told, self.deviations, 0.0)), 0.0)
@@ -78,13 +78,13 @@ class RecordSizes:
         return np.sqrt(np.maximum(apart - (1.0 + chance) * squares.sum(axis=0) / np.maximum(count, 1), 0.0))
 
     def alone(self, count: int) -> Array:
-        """Share of the variance between records that is left in a fit to the first few of them together. [P].
+        """Compute the share of the variance between records that remains in a fit to the first of them together. [P].
 
-        Such a fit is their mean with the inverse of their variances as weights: one that all but one record decide nothing of
-        averages nothing.
+        Such a fit is the mean of the records with inverse variances as weights. If one record alone determines a parameter,
+        nothing is averaged, and the share is 1.
 
         Args:
-            count: How many records were fitted.
+            count: Number of records that were fitted together.
         """
         weights = np.divide(1.0, np.square(self.deviations[:count]), where=self.deviations[:count] > 0.0,
                             out=np.zeros_like(self.deviations[:count]))  # fmt: skip
@@ -93,14 +93,14 @@ class RecordSizes:
 
 
 def widened(deviations: Array, sizes: RecordSizes, count: int) -> Array:
-    """Standard deviations of a fit that know how far records disagree, and how little three records say of that. [P].
+    """Widen standard deviations of a fit by how far records disagree, and by how few records show that. [P].
 
-    They belong to normal laws with the same 90 % intervals as the Student laws that hold.
+    The true errors follow Student's law. The result is the deviation of the normal law with the same 90 % interval.
 
     Args:
-        deviations: Of the fit, from what it was fitted to. [P].
-        sizes: What each record says.
-        count: How many of the first records were fitted together.
+        deviations: Standard deviations of the fit, from the fitted records alone. [P].
+        sizes: Parameters as each record alone determines them.
+        count: Number of records, from the first, that were fitted together.
 
     Source: Hartung and Knapp, Statistics in Medicine 20, 2001; degrees of freedom of a sum of variances after Satterthwaite,
         Biometrics Bulletin 2, 1946.

@@ -1,4 +1,4 @@
-"""How a replay moves with its initial state and with the step of time: made once per mechanism and commands, like the bank."""
+"""Sensitivities of a replay to its initial state, time step and commands; made once per mechanism and commands."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from gsbridge.geometry import Array
 KINDS = ("position", "velocity", "effort", TOOL)
 
 FINE = 4
-"""Factor by which the step is divided to see what it does."""
+"""Factor by which the time step is divided to measure its error."""
 
 _PARTS = 8
-"""Parts of the time between two logged commands in which a curve through them is followed."""
+"""Number of parts into which the time between two logged commands is divided to follow a curve through them."""
 
 _ANGLE, _SPEED = 1e-4, 1e-3
-"""Changes of the initial state, rad and rad/s."""
+"""Steps of the finite differences by the initial state: rad or m, and rad/s or m/s."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,13 @@ class Sensitivity:
     """Derivatives of a nominal replay.
 
     Args:
-        nudges: By position and speed of each joint at the start, in SI units. [2 N, T, kinds, N]; with a tool the last axis has
-            at least three columns, and what is not there is not-a-number.
-        stepping: What a finer step changes. Engines differ by about as much, since each takes speeds or positions at the
+        nudges: Derivatives by the position and speed of each joint at the start, SI units. [2 N, T, kinds, N]; with a tool the
+            last axis has at least three columns, and unused entries are not-a-number.
+        stepping: Change by a finer time step. Engines differ by about as much, since each takes speeds or positions at the
             beginning or at the end of a step. [T, kinds, N].
-        curving: What it changes if commands that the model joins by lines ran along a curve through them: they may have been
-            sent more often than they were logged. Zero where they are held. [T, kinds, N].
-        made: Simulations spent on it now; 0 where it was read.
+        curving: Change if commands ran along a curve instead of the lines by which the model joins them: they may have been
+            sent more often than they were logged. Zero where the model holds commands. [T, kinds, N].
+        made: Simulations that making it took; 0 if it was read from a file.
     """
 
     nudges: Array
@@ -53,13 +53,15 @@ class Sensitivity:
 
 
 def start_states(mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State]) -> list[State]:
-    """States where derivatives are taken: commanded ones under position feedback, as records may share them, else measured.
+    """Choose the states at which derivatives are taken.
+
+    Under position feedback these are the commanded states, which records of equal commands share; otherwise the measured ones.
 
     Args:
-        mechanism: Simulates.
+        mechanism: The mechanism.
         record: Commands and measurements.
         spans: Stretches of the record.
-        measured: State of the joints at the beginning of each stretch, as measured.
+        measured: Measured state of the joints at the beginning of each stretch.
 
     Returns:
         State of the joints at the beginning of each stretch.
@@ -73,20 +75,20 @@ def start_states(mechanism: Mechanism, record: Record, spans: Sequence[Span], me
 
 @functools.cache
 def _edition() -> str:
-    """Digest of the code that makes a sensitivity: none that other code made is read."""
+    """Return a digest of the code that makes a sensitivity, so that no outdated one is read."""
     return code_digest(__name__)
 
 
 def sensitivity_of(
     mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State], folder: str | Path | None = None
 ) -> Sensitivity:
-    """The sensitivity of a record, read from `folder` where an equal one was made before.
+    """Return the sensitivity of a record, read from `folder` if an equal one was made before.
 
     Args:
-        mechanism: Simulates.
+        mechanism: The mechanism that replays the record.
         record: Commands and measurements.
         spans: Stretches of the record.
-        measured: State of the joints at the beginning of each stretch, as measured.
+        measured: Measured state of the joints at the beginning of each stretch.
         folder: Where sensitivities are kept; nothing is kept when None.
     """
     states = start_states(mechanism, record, spans, measured)
@@ -105,7 +107,7 @@ def sensitivity_of(
             path.unlink()
     frame = _make(mechanism, record, spans, states)
     mechanism.shared += frame.made
-    # The precision of a fresh frame is that of one read again, so that findings do not depend on which it was.
+    # Round a fresh one to the precision of the file, so that findings do not depend on whether it was read.
     names = ("nudges", "stepping", "curving")
     arrays: dict[str, Any] = {name: getattr(frame, name).astype(np.float32) for name in names}
     frame = replace(frame, **arrays)
@@ -115,7 +117,7 @@ def sensitivity_of(
 
 
 def _laid(outputs: Mapping[str, Array]) -> Array:
-    """Outputs of a replay side by side. [T, kinds, columns]."""
+    """Put the outputs of a replay side by side. [T, kinds, columns]."""
     kinds = [kind for kind in KINDS if kind in outputs]
     wide = max(outputs[kind].shape[1] for kind in kinds)
     table = np.full((len(outputs[kinds[0]]), len(kinds), wide), np.nan)
@@ -148,7 +150,7 @@ def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: l
 
 
 def _followed(record: Record) -> Record:
-    """A record whose commands run along a cubic spline through those that were logged."""
+    """Resample a record's commands along a cubic spline through the logged ones."""
     time, share = record.time, np.arange(_PARTS) / _PARTS
     dense = np.append((time[:-1, None] + np.diff(time)[:, None] * share).ravel(), time[-1])
     commands = {kind: CubicSpline(time, values)(dense) for kind, values in record.commands.items()}

@@ -1,4 +1,4 @@
-"""A mechanism with effects put into it, ready to be simulated."""
+"""Application of effects to a mechanism before it is simulated."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
 def apply_effects(mechanism: Mechanism, effects: Sequence[Applied]) -> JointSetup:
-    """A mechanism with its own and further effects.
+    """Set up a mechanism with the effects of its own model and further ones.
 
     Raises:
         InputError: An effect or its joint is unknown.

@@ -1,4 +1,4 @@
-"""A tree of joints with the mass properties they move, as arrays for the kernels; links on fixed joints are merged."""
+"""A tree of joints and the mass properties that they move, as arrays for the kernels; links on fixed joints are merged."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Chain:
         order: Column of each joint in the records. [N] int.
         parents: Index of the joint that carries each, -1 for the base. [N] int.
         fixed: Pose of each joint's frame at zero in the frame of the joint that carries it. [N, 4, 4].
-        axes: Direction, joint frame. [N, 3].
+        axes: Unit axis of each joint, joint frame. [N, 3].
         slides: Whether the joint slides instead of turning. [N] bool.
-        links: By link: index of the joint that moves it, and the link's pose in that joint's frame. [4, 4].
+        links: By link: index of the joint that moves it, -1 for the base, and the link's pose in that joint's frame. [4, 4].
     """
 
     order: Array
@@ -34,7 +34,7 @@ class Chain:
 
     @classmethod
     def of(cls, skeleton: Skeleton, joints: tuple[str, ...]) -> Chain:
-        """The tree of a description; joints other than `joints` are held at zero."""
+        """Build the tree of a description; joints other than `joints` are held at zero."""
         description = skeleton.description
         carriers = {joint.child: joint for joint in description.joints}
         links: dict[str, tuple[int, Array]] = {description.base: (-1, np.eye(4))}
@@ -55,7 +55,7 @@ class Chain:
         return cls(order, parents, fixed, axes, slides, links)
 
     def place(self, link: str, q: Array) -> Array:
-        """Origin of a link's frame, base frame, m.
+        """Compute the origin of a link's frame, base frame, m.
 
         Args:
             link: Name of the link.
@@ -68,18 +68,18 @@ class Chain:
         return self.follow(joint, pose[:3, 3], q)
 
     def follow(self, joint: int, point: Array, q: Array) -> Array:
-        """A point that a joint moves, base frame, m.
+        """Compute the positions of a point that a joint moves, base frame, m.
 
         Args:
-            joint: Which; -1 for the base.
-            point: In the joint's frame, m. [3].
+            joint: Index of the joint; -1 for the base.
+            point: Point in the joint's frame, m. [3].
             q: Positions in the order of the joints here, rad or m. [T, N].
 
         Returns:
             [T, 3].
         """
         origin = np.tile(point, (len(q), 1))
-        # From the link back to the base: a point of each joint's frame in the frame of the one that carries it.
+        # Go back to the base: turn the point from each joint's frame into the frame of the joint that carries it.
         while joint >= 0:
             axis, values = self.axes[joint], q[:, joint]
             if self.slides[joint]:
@@ -94,13 +94,13 @@ class Chain:
         return origin
 
     def end(self, tool: str = "") -> tuple[int, Array]:
-        """Where the mechanism ends.
+        """Find the end of the mechanism.
 
         Args:
-            tool: Link whose origin is the end; without one, the farthest frame that the last joint carries.
+            tool: Link whose origin is the end; if empty, it is the farthest frame that the last joint carries.
 
         Returns:
-            Joint that moves it, and its place in that joint's frame, m. [3].
+            Index of the joint that moves the end, and the end's place in that joint's frame, m. [3].
         """
         if tool:
             joint, pose = self.links[tool]
@@ -110,13 +110,13 @@ class Chain:
         return last, np.ascontiguousarray(max(places, key=lambda place: float(np.linalg.norm(place))))
 
     def idle(self, bodies: Array) -> Array:
-        """Joints that nothing resists: neither they nor those that they carry move mass or inertia about their axis.
+        """Find joints without inertia: neither they nor the joints that they carry move mass, or inertia about their axes.
 
         Args:
-            bodies: From `bodies`. [N, 13].
+            bodies: Result of `bodies`. [N, 13].
 
         Returns:
-            In the order of the records. [N] bool.
+            Whether each joint is without inertia, in the order of the records. [N] bool.
         """
         out = np.zeros(len(bodies), dtype=bool)
         busy = np.zeros(len(bodies), dtype=bool)
@@ -131,7 +131,7 @@ class Chain:
         return out
 
     def bodies(self, inertials: Mapping[str, Inertial]) -> Array:
-        """Mass, centre (3) and inertia about it (9) of what each joint moves, joint frame. [N, 13]."""
+        """Compute mass, kg, centre (3), m, and inertia about it (9), kg m2, of what each joint moves, joint frame. [N, 13]."""
         groups: list[list[tuple[float, Array, Array]]] = [[] for _ in self.parents]
         for name, body in inertials.items():
             joint, pose = self.links[name]
@@ -153,7 +153,7 @@ class Chain:
 
 
 def _pose(origin: Origin) -> Array:
-    """Transform of a frame of a URDF. [4, 4]."""
+    """Make the transform of a URDF origin. [4, 4]."""
     out = np.eye(4)
     out[:3, 3], out[:3, :3] = origin.xyz, rotation_of(origin)
     return out

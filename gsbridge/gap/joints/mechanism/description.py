@@ -1,4 +1,4 @@
-"""What a model's mechanism is described by: a URDF, or an MJCF of MuJoCo."""
+"""Reading of the description of a mechanism: a URDF, or an MJCF of MuJoCo."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gsbridge.robot.mjcf_files import mjcf_named
 from gsbridge.robot.urdf import Description, description_of
 
 MOST_ELEMENTS = 100_000
-"""Largest number of elements of an MJCF, repeated ones counted as often as they are."""
+"""Largest number of elements of an MJCF, where an element that is repeated counts each time."""
 
 MOST_CELLS = 100_000_000
 """Largest number of values of a height field, and of pixels of a texture: some hundred megabytes."""
@@ -28,11 +28,11 @@ MOST_CELLS = 100_000_000
 
 @dataclass(frozen=True)
 class Stated:
-    """What MJCF says besides, and URDF cannot.
+    """Figures that an MJCF can state and a URDF cannot.
 
     Args:
-        gravity: Acceleration in the base frame, m/s2; None where nothing is said. [3].
-        armature: Inertia of rotor and gear by joint, kg m2 (of joints that slide kg).
+        gravity: Acceleration in the base frame, m/s2; None where the file does not state it. [3].
+        armature: Inertia of rotor and gear by joint, kg m2 (kg for joints that slide).
     """
 
     gravity: Array | None
@@ -44,7 +44,7 @@ def read_mechanism_description(path: str | Path, key: str = "urdf", named_in: st
 
     Args:
         path: The file.
-        key: Key of the model that names it, for messages.
+        key: Key of the model that names the file, for messages.
         named_in: File of the model, for messages.
 
     Raises:
@@ -60,15 +60,15 @@ def read_mechanism_description(path: str | Path, key: str = "urdf", named_in: st
 
 
 def _check_named(path: str | Path, key: str, named_in: str | Path) -> None:
-    """Check what an MJCF names, itself or in files that it includes, before MuJoCo opens it.
+    """Check the files that an MJCF, or a file that it includes, names, before MuJoCo opens them.
 
     Args:
-        path: The file.
-        key: Key of the model that names it, for messages.
+        path: The MJCF.
+        key: Key of the model that names the MJCF, for messages.
         named_in: File of the model, for messages.
 
     Raises:
-        InputError: It names a device or a pipe, or a file that is too large or no XML.
+        InputError: A file is a device or a pipe, or is too large, or an included file is no XML.
     """
     for other in mjcf_named(path):
         if other.suffix == ".xml":
@@ -78,14 +78,14 @@ def _check_named(path: str | Path, key: str, named_in: str | Path) -> None:
 
 
 def _refuse_giants(root: ElementTree.Element, source: str | Path) -> None:
-    """Refuse MJCF that writes more than a mechanism has with a few words: MuJoCo would work on it without an end.
+    """Refuse an MJCF whose few words stand for more than any mechanism has: MuJoCo would work on it without end.
 
     Args:
-        root: The description's or an included file's.
-        source: Its file, for the message.
+        root: Root element of the description or of an included file.
+        source: File, for the message.
 
     Raises:
-        InputError: Its repetitions stand for more than `MOST_ELEMENTS` elements, or a grid or a picture has more than
+        InputError: Repetitions stand for more than `MOST_ELEMENTS` elements, or a grid or a picture has more than
             `MOST_CELLS` values.
     """
     elements, waiting = 0, [(root, 1)]
@@ -100,12 +100,12 @@ def _refuse_giants(root: ElementTree.Element, source: str | Path) -> None:
 
 
 def _product(numbers: str) -> int:
-    """Product of whole numbers; what is none counts as one, and is MuJoCo's to tell."""
+    """Multiply the whole numbers in a text; other words count as one, since MuJoCo reports them itself."""
     return math.prod(max(int(word), 1) for word in numbers.split() if re.fullmatch(r"\d{1,18}", word))
 
 
 def stated_besides(description: Description) -> Stated:
-    """What a description says that URDF cannot."""
+    """Read the figures of a description that URDF cannot state."""
     root = description.root
     gravity = root.get("gravity")
     losses = {str(joint.get("name")): joint.find("dynamics") for joint in root.findall("joint")}
@@ -114,12 +114,12 @@ def stated_besides(description: Description) -> Stated:
 
 
 def description_bytes(path: Path) -> bytes:
-    """All that a description says, for digests: of MJCF what MuJoCo makes of it, since it may include other files."""
+    """Return all that a description says, for digests; an MJCF is converted by MuJoCo, since it may include other files."""
     return ElementTree.tostring(description_of_mjcf(path)) if _is_mjcf(path) else path.read_bytes()
 
 
 def _is_mjcf(path: str | Path) -> bool:
-    """Whether a file is MJCF; what cannot be read is none."""
+    """Tell whether a file is MJCF; a file that cannot be read is not."""
     try:
         return is_mjcf(ElementTree.parse(path).getroot())
     except (OSError, ElementTree.ParseError, LookupError, ValueError):

@@ -1,6 +1,7 @@
 """Kernels of a tree of joints: inverse dynamics and joint-space inertia, in base coordinates.
 
-Nothing is allocated in here: a replay calls these a thousand times per second of a record, and a bank takes a thousand replays.
+The kernels allocate no memory: a replay calls them a thousand times per second of a record, and a bank takes a thousand
+replays.
 """
 
 from __future__ import annotations
@@ -11,12 +12,12 @@ from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 
 LOADS = 10
-"""Figures of a body about the base's origin: mass, first moments (3), second moments (xx, yy, zz, xy, xz, yz)."""
+"""Number of figures of a body about the base's origin: mass, first moments (3), inertia (xx, yy, zz, xy, xz, yz). SI units."""
 
 
 @njit(nogil=True)
 def place(parents: Array, fixed: Array, axes: Array, slides: Array, q: Array, turn: Array, origin: Array, axis: Array) -> None:
-    """Rotations, origins and axes of all joint frames in the base.
+    """Compute rotations, origins and axes of all joint frames in the base frame.
 
     Args:
         parents: Index of the joint that carries each, -1 for the base. [N].
@@ -57,15 +58,15 @@ def place(parents: Array, fixed: Array, axes: Array, slides: Array, q: Array, tu
 
 @njit(nogil=True)
 def spread(slides: Array, bodies: Array, turn: Array, origin: Array, axis: Array, screws: Array, loads: Array) -> None:
-    """Joints and bodies about the base's origin.
+    """Express joints and bodies about the base's origin.
 
     Args:
         slides: Whether a joint slides. [N] bool.
         bodies: Mass, kg, centre, m, and inertia about it, kg m2, in the joints' frames. [N, 13].
         turn, origin, axis: Rotations, origins (m) and axes of the joint frames, from `place`. [N, 3, 3], [N, 3], [N, 3].
-        screws: Result: velocity that a joint of unit speed gives, angular, then linear of the point at the base's origin.
-            [N, 6].
-        loads: Result; see `LOADS`. [N, LOADS].
+        screws: Result: velocity that a joint of unit speed gives: angular (3), then linear (3) of the body's point at the
+            base's origin. [N, 6].
+        loads: Result: figures of each body; see `LOADS`. [N, LOADS].
     """
     for k in range(len(bodies)):
         a0, a1, a2 = axis[k, 0], axis[k, 1], axis[k, 2]
@@ -97,7 +98,7 @@ def spread(slides: Array, bodies: Array, turn: Array, origin: Array, axis: Array
 
 @njit(nogil=True)
 def bias(parents: Array, screws: Array, loads: Array, gravity: Array, v: Array, work: Array, out: Array) -> None:
-    """Torques that hold the weight and the centrifugal forces: inverse dynamics without acceleration.
+    """Compute the torques that balance weight, centrifugal and Coriolis forces: inverse dynamics without acceleration.
 
     Args:
         v: Speeds, rad/s or m/s. [N].
@@ -164,7 +165,7 @@ def weights(
     work: Array,
     out: Array,
 ) -> None:
-    """Torques that hold the weight alone.
+    """Compute the torques that balance the weight alone.
 
     Args:
         out: Result, N m or N. [N].
@@ -195,12 +196,13 @@ def weights(
 
 @njit(nogil=True)
 def inertia(parents: Array, screws: Array, loads: Array, out: Array) -> None:
-    """Joint-space inertia.
+    """Compute the joint-space inertia.
 
     Args:
         out: Result, kg m2, kg m or kg. [N, N].
         parents: Index of the joint that carries each, -1 for the base. [N].
-        screws, loads: From `spread`; the loads become those of all that each joint carries. [N, 6], [N, LOADS].
+        screws, loads: From `spread`; `loads` is changed to the sums over all bodies that each joint carries. [N, 6],
+            [N, LOADS].
 
     Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2.
     """
@@ -232,7 +234,7 @@ def inertia(parents: Array, screws: Array, loads: Array, out: Array) -> None:
 
 @njit(nogil=True)
 def factorise(matrix: Array, factor: Array) -> None:
-    """Cholesky factor of a positive definite matrix, with the inverse of its diagonal on the diagonal. [N, N] -> [N, N]."""
+    """Compute the Cholesky factor of a positive definite matrix, with its diagonal inverted. [N, N] -> [N, N]."""
     for i in range(len(matrix)):
         for j in range(i + 1):
             total = matrix[i, j]
@@ -243,7 +245,7 @@ def factorise(matrix: Array, factor: Array) -> None:
 
 @njit(nogil=True)
 def solve(factor: Array, values: Array) -> None:
-    """Solve by a factor of `factorise`, in place. [N, N], [N]."""
+    """Solve a linear system in place, with the factor from `factorise`. [N, N], [N]."""
     count = len(values)
     for i in range(count):
         total = values[i]

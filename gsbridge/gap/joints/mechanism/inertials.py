@@ -1,4 +1,4 @@
-"""Mass properties of a URDF's links, changed and written out again without shapes: what a replay in free space needs."""
+"""Mass properties of a URDF's links, which can be changed and written out again without shapes, for replays in free space."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Inertial:
     Args:
         mass: Mass, kg.
         centre: Centre of mass, link frame, m. [3].
-        inertia: About the centre, link axes, kg m2. [3, 3].
+        inertia: Inertia about the centre, link axes, kg m2. [3, 3].
     """
 
     mass: float
@@ -33,11 +33,11 @@ class Inertial:
     inertia: Array
 
     def scaled(self, factor: float) -> Inertial:
-        """Mass properties of the same shape with its density multiplied by `factor`."""
+        """Return mass properties of the same shape with its density multiplied by `factor`."""
         return Inertial(self.mass * factor, self.centre.copy(), self.inertia * factor)
 
     def with_point(self, mass: float, place: Array) -> Inertial:
-        """Mass properties with a point mass (kg) fixed at `place` (link frame, m, [3]) added."""
+        """Return mass properties with a point mass (kg) added at `place` (link frame, m, [3])."""
         total = self.mass + mass
         if total <= 0:
             return Inertial(self.mass, self.centre.copy(), self.inertia.copy())
@@ -45,12 +45,12 @@ class Inertial:
         return Inertial(total, centre, self.about(centre) + mass * _steiner(place - centre))
 
     def about(self, point: Array) -> Array:
-        """Inertia about another point than the centre. [3, 3]."""
+        """Compute the inertia about a point (link frame, m, [3]), kg m2. [3, 3]."""
         return self.inertia + self.mass * _steiner(self.centre - point)
 
 
 def _steiner(arm: Array) -> Array:
-    """Inertia of a unit point mass at `arm`. [3, 3]."""
+    """Compute the inertia of a point mass of 1 kg at `arm` (m, [3]) about the origin, kg m2. [3, 3]."""
     return float(arm @ arm) * np.eye(3) - np.outer(arm, arm)
 
 
@@ -59,10 +59,10 @@ class Skeleton:
     """A URDF's links and joints, without shapes.
 
     Args:
-        tree: Root element; never changed after reading.
-        description: What the file says of links and joints.
+        tree: Root element; it is never changed after reading.
+        description: Links and joints of the file.
         inertials: Mass properties by link; links without any are left out.
-        child_of: Link that each moving joint moves.
+        child_of: Name of the link that each moving joint moves.
     """
 
     tree: ElementTree.Element
@@ -103,7 +103,7 @@ class Skeleton:
         return out
 
     def _gather(self, link: str, moving: tuple[str, ...]) -> None:
-        """Give a link that states no mass what is fixed to it, as files do that have links of their own for masses."""
+        """Give a link without mass the masses of the links fixed to it, since some files have separate links for masses."""
         if link in self.inertials:
             return
         places, parts = {link: np.eye(4)}, list[tuple[Inertial, Array]]()
@@ -129,13 +129,13 @@ class Skeleton:
             name = str(link.get("name"))
             body = inertials.get(name)
             if name == self.description.base:
-                # It never moves, but PyBullet takes gravity along its principal axes; those of a ball are the frame's.
+                # The base never moves, but PyBullet takes gravity along its principal axes, which for a ball are the frame's.
                 body = Inertial(1.0, np.zeros(3), np.eye(3))
             if body is None:
                 continue
             moments, axes = np.diag(body.inertia), np.eye(3)
             if np.abs(body.inertia - np.diag(moments)).max() > 1e-12:
-                # Engines differ in how they treat products of inertia; principal axes are understood by all.
+                # Engines treat products of inertia differently; all of them understand principal axes.
                 moments, axes = np.linalg.eigh(body.inertia)
                 axes[:, 0] *= np.sign(np.linalg.det(axes))
             rpy = _rpy(axes)
@@ -150,9 +150,9 @@ class Skeleton:
 
 
 def _rpy(rotation: Array) -> Array:
-    """Roll, pitch, yaw of a rotation. [3, 3] -> [3]."""
+    """Compute roll, pitch and yaw of a rotation, rad. [3, 3] -> [3]."""
     with warnings.catch_warnings():
-        # Pitch of a right angle leaves roll and yaw undetermined; any pair that scipy chooses is right.
+        # At a pitch of 90 degrees, roll and yaw are not unique; the pair that scipy chooses is right.
         warnings.simplefilter("ignore", UserWarning)
         return Rotation.from_matrix(rotation).as_euler("xyz")
 
@@ -167,5 +167,5 @@ def _in_link_frame(element: InertialElement) -> Inertial:
 
 
 def rotation_of(origin: Origin) -> Array:
-    """Rotation of a frame of a URDF. [3, 3]."""
+    """Make the rotation matrix of a URDF origin. [3, 3]."""
     return Rotation.from_euler("xyz", origin.rpy).as_matrix()

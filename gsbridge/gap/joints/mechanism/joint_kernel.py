@@ -1,6 +1,6 @@
-"""The law of a driven joint: what acts between command and motion, one row of figures per joint, and the kernel that steps it.
+"""The law of a driven joint, from command to motion: a set of figures per joint, and the kernel that steps it.
 
-Every figure is zero (or infinite, for limits) where nothing of the kind acts, so that an effect is a change of figures.
+A figure is zero (infinite for limits) if its effect is absent, so that an effect is a change of figures.
 """
 
 from __future__ import annotations
@@ -60,14 +60,14 @@ MODE = MappingProxyType({"torque": 0, "free": 0, "pd": 1, "position": 2})
 ) = range(len(LAW))  # fmt: skip
 
 _YIELDING = 0.3
-"""Product of a transmission's compliance and the controller's stiffness against one step up to which it hardly yields: beyond,
-an explicit step of the controller would run away."""
+"""Product of the transmission's compliance and the controller's stiffness against a change in one step, up to which the
+transmission counts as rigid. Beyond it, an explicit step of the controller would be unstable."""
 
 _MEETINGS = 4
-"""Largest number of times that a step is taken until links and motors agree whether they touch."""
+"""Most times that a step is repeated until the assumption of which links and motors touch agrees with the result."""
 
 _PULLED = 1e-9
-"""Weight on a joint, N m, up to which nothing tells on which side of its play a link begins; it is put in the middle."""
+"""Torque by weight on a joint, N m, up to which a link begins in the middle of its play, since no side is preferred."""
 
 _RIGID = 1e-7
 """Compliance given to a transmission that has play but no stated compliance, rad/(N m)."""
@@ -106,24 +106,25 @@ def simulate(
         parents, fixed, axes, slides, bodies: The tree as it is; joints in its order, as in `dynamics.place` and
             `dynamics.spread`. [N], [N, 4, 4], [N, 3], [N] bool, [N, 13].
         gravity: Gravity as it acts, base frame, m/s2. [3].
-        brain_bodies, brain_gravity: Bodies and gravity as the controller believes them to be. [N, 13], m/s2 [3].
+        brain_bodies, brain_gravity: Bodies and gravity as the controller's model has them. [N, 13], m/s2 [3].
         law: Figures of the joints. [len(LAW), N].
-        tip: Joint that moves the tool, -1 where there is none.
+        tip: Joint that moves the tool; -1 if there is none.
         tool: Place of the tool in that joint's frame, m. [3].
         surface: What the tool presses on: upward direction (3), height along it (m) and stiffness (N/m). [5].
         mode: One of `MODE`.
-        bandwidth: rad/s (mode position).
+        bandwidth: Bandwidth of the servo, rad/s (mode position).
         target, speed, extra: Commands of each step: positions, speeds and torques, SI units. [K, N].
         q0, v0: Positions and speeds at the start, SI units. [N].
         start: Time of the start since the record's begin, s.
-        step: Step of time, s.
+        step: Time step, s.
         every: Physics steps per control step.
         centred: Whether positions move with the mean of a step's two speeds, as under a constant torque, or with the new speed,
-            as engines for games have it.
-        out: Result: measured position and speed, torque asked, and position of what the joint moves. [4, K, N].
+            as in game engines.
+        out: Result: measured position and speed, torque that the controller asks for, and true position of the link, SI units.
+            [4, K, N].
 
     Returns:
-        Steps before the motion diverged; K if it never did.
+        Number of steps before the motion diverged; K if it never did.
     """  # fmt: skip
     count, length = len(q0), out.shape[1]
     q, v = q0.copy(), v0.copy()
@@ -164,11 +165,12 @@ def simulate(
                     toe[i] += turn[tip, i, j] * tool[j]
             force, slows = press(parents, screws, tip, toe, surface, v, step, slope)
         if number == 0:
-            # By its weight alone: the noise of measured speeds pulls at it, too. The controller asks for something after this.
+            # The start in the play is set by the weight alone, since noise of measured speeds would disturb it. `asked` only
+            # serves as storage here; the controller overwrites it below.
             weights(parents, slides, bodies, gravity, turn, origin, axis, work, asked)
             for i in range(count):
                 if soft[i]:
-                    # What was measured is the motor; the link hangs in its transmission, anywhere where nothing pulls at it.
+                    # The measured position is that of the motor; the link hangs in the transmission by its weight.
                     side = math.copysign(1.0, asked[i]) if abs(asked[i]) > _PULLED else 0.0
                     q[i] -= 0.5 * side * law[_BACKLASH, i] + law[_COMPLIANCE, i] * hold[i]
         true = True
@@ -235,7 +237,7 @@ def simulate(
                 light = law[_DAMP, i] * step > 0.5 * law[_ARMATURE, i]
                 half = 0.5 * law[_BACKLASH, i]
                 side = 1.0 if given > 0.0 else -1.0
-                # A light motor that pushes a link and hardly yields hands its torque on, as if they were one.
+                # A light motor that pushes the link through a nearly rigid transmission moves with the link as one body.
                 yields = law[_COMPLIANCE, i] * (law[_STIFF, i] + law[_DAMP, i] / step)
                 joins[i] = light and yields < _YIELDING and (half == 0.0 or side * (motor[i] - q[i]) >= half - 1e-12)
                 if (
@@ -246,12 +248,12 @@ def simulate(
                     and law[_DELAY, i] == 0.0
                     and abs(asked[i]) < law[_LIMIT, i]
                 ):
-                    # The controller is taken into the implicit step, since the motor alone is too light for an explicit one.
-                    # For others it would be an inertia that a rigid joint does not have.
+                    # Make the controller part of the implicit step: the motor alone is too light for an explicit one. For other
+                    # motors, this would add an inertia that a rigid joint does not have.
                     stiff, damp = law[_STIFF, i] * (1.0 + law[_GAIN, i]), law[_DAMP, i] * (1.0 + law[_GAIN, i])
                     load = given + stiff * motor[i] + damp * motor_speed[i]
                 if not joins[i]:
-                    # Oil rubs in motor and gear, before the play.
+                    # Viscous friction acts in motor and gear, on the motor's side of the play.
                     damp, losses = damp + losses, 0.0
                 pulls[i], damps[i], stiffs[i] = load, damp, stiff
             grip[i], skew[i] = law[_DRY, i], law[_SKEW, i]
@@ -266,11 +268,12 @@ def simulate(
                 if not joins[i]:
                     lows[i], highs[i] = 0.0, 0.0
                     if law[_ARMATURE, i] > 0.0 or damps[i] > 0.0 or stiffs[i] > 0.0:
-                        # Motor and gear rub before the play, and in front of what yields.
+                        # Dry friction acts in motor and gear, on the motor's side of play and compliance.
                         lows[i], highs[i] = min(skew[i] - grip[i], 0.0), max(grip[i] + skew[i], 0.0)
                         grip[i], skew[i] = 0.0, 0.0
                     given, parted = 0.0, True
-            # With mean speeds, losses are those of the mean speed too; the drag's slope is twice its share of the speed.
+            # With mean speeds, half of the viscous losses act at the new speed. Drag grows with the square of the speed: its
+            # slope is twice the drag per speed, so that the two factors cancel.
             shift[i] += step * ((0.5 if centred else 1.0) * losses + law[_QUADRATIC, i] * abs(v[i]))
             right[i] = given - hold[i] - (losses + law[_QUADRATIC, i] * abs(v[i])) * v[i]
             if law[_SPRING, i] != 0.0:
@@ -285,7 +288,7 @@ def simulate(
             before[i], was[i], end[i] = v[i], q[i], q[i] + step * v[i]
             alone[i], rubbed[i], diagonal[i] = right[i], impulse[i], matrix[i, i]
         for attempt in range(_MEETINGS if parted else 1):
-            # Whether a link meets its motor depends on where it ends, and that on whether they meet: again until both agree.
+            # Whether a link touches its motor depends on where it ends, and that on whether they touch: repeat until they agree.
             met = True
             for i in range(count):
                 if parted and soft[i] and not joins[i]:
@@ -314,8 +317,8 @@ def simulate(
                 motor_speed[i] = v[i] + (angle - motor[i] - (q[i] - was[i])) / step
                 motor[i] = angle
             elif soft[i]:
-                # Where both would end at the speeds that they end with; of the way that they really go, that is as far off for
-                # the motor as for the link.
+                # `transmit` places the motor beside the link at `end`, where the new speed leads. With mean speeds, the link ends
+                # at `q` instead, and the motor is shifted by the same distance.
                 _, _, angle = transmit(
                     end[i], motor[i], motor_speed[i], pulls[i], damps[i], stiffs[i], law[_ARMATURE, i],
                     lows[i], highs[i], max(law[_COMPLIANCE, i], _RIGID), law[_BACKLASH, i], step,

@@ -1,4 +1,4 @@
-"""Kernels of one step of a joint: a motor behind a soft transmission, dry friction as bounded impulses, a limited rate."""
+"""Kernels of one time step: a motor behind a soft transmission, dry friction as bounded impulses, a surface, a limited rate."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ def transmit(
     gap: float,
     step: float,
 ) -> tuple[float, float, float]:
-    """What a transmission with play and twist hands on to a link that is at `q` at the end of a step.
+    """Compute the torque that a transmission with play and compliance gives a link that is at `q` at the end of a step.
 
-    The motor feels `pull - stiffness * angle - damping * speed`, the transmission, and dry friction that would bring it to
-    rest. All moves are taken at the end of the step. A transmission that is all but rigid then joins the rotor's inertia to
-    the link's, where an explicit link would be thrown off by the spring's full force.
+    On the motor act `pull - stiffness * angle - damping * speed`, the transmission, and dry friction that would bring it to
+    rest. All angles and speeds are those at the end of the step (implicit). A nearly rigid transmission then joins the rotor's
+    inertia to the link's; in an explicit step, the spring's full force would throw the link off.
 
     Args:
         q: Angle of the link at the end of the step, rad.
-        motor: Angle of the motor at its begin, rad.
-        motor_speed: Speed of the motor at its begin, rad/s.
+        motor: Angle of the motor at the begin of the step, rad.
+        motor_speed: Speed of the motor at the begin of the step, rad/s.
         pull: Torque that depends on neither angle nor speed, N m.
         damping: Damping that acts on the motor, N m s/rad.
         stiffness: Stiffness that acts on the motor, N m/rad.
@@ -42,11 +42,11 @@ def transmit(
         low, high: Dry friction against the motor's motion backwards, at most 0, and forwards, at least 0, N m.
         compliance: Twist of the transmission per torque, above 0, rad/(N m).
         gap: Play of the transmission from end to end, rad.
-        step: Step of time, s.
+        step: Time step, s.
 
     Returns:
-        Torque on the link, N m; how much less it is per angle that the link goes on, N m/rad; and the motor's angle at the end
-        of the step, rad. A motor that nothing holds back hands its torque on.
+        Torque on the link, N m; its decrease per angle by which the link goes further, N m/rad; and the motor's angle at the
+        end of the step, rad. A motor without inertia, damping and stiffness passes its torque on.
     """
     half = 0.5 * gap
     base = rotor / (step * step) + damping / step + stiffness
@@ -58,7 +58,7 @@ def transmit(
     if abs(free - q) <= half:
         return 0.0, 0.0, free
     end = q + math.copysign(half, free - q)
-    # What would move the motor beside friction, if it rested.
+    # Torque on the motor, without friction, if it rested.
     whole = alone + (end - motor) / compliance
     if low <= whole <= high:
         return (motor - end) / compliance, 1.0 / compliance, motor
@@ -66,7 +66,7 @@ def transmit(
     joined = 1.0 / (compliance + 1.0 / base)
     given = joined * ((right - rubbing) / base - end)
     if given * (free - q) < 0.0:
-        # The motor leaves the link behind.
+        # Parts in contact only push: the motor moves away from the link.
         return 0.0, 0.0, (right - rubbing) / base
     return given, joined, end + compliance * given
 
@@ -75,16 +75,16 @@ def transmit(
 def advance(
     system: Array, right: Array, grip: Array, skew: Array, step: float, v: Array, impulse: Array, factor: Array, inverse: Array
 ) -> None:
-    """Change of speed of one step, with dry friction as bounds on impulses that would bring the joints to rest.
+    """Update the speeds by one step; dry friction is an impulse that would bring a joint to rest, within bounds.
 
     Args:
-        system: Inertia with all that acts implicitly. [N, N].
-        right: Torques, N m, overwritten. [N].
+        system: Joint-space inertia plus all implicit terms. [N, N].
+        right: Torques, N m; overwritten. [N].
         grip: Largest dry friction, N m. [N].
-        skew: More of it forwards, less backwards, N m. [N].
-        step: Step of time, s.
-        v: Speeds, rad/s, updated. [N].
-        impulse: Impulses of the last step, N m s, the solver's start; updated. [N].
+        skew: Amount by which it is larger forwards and smaller backwards, N m. [N].
+        step: Time step, s.
+        v: Speeds, rad/s; updated. [N].
+        impulse: Friction impulses of the last step, N m s, from which the solver starts; updated. [N].
         factor, inverse: Overwritten. [N, N] each.
     """
     count = len(v)
@@ -95,7 +95,7 @@ def advance(
     dry = False
     for i in range(count):
         if grip[i] > 0.0 or skew[i] != 0.0:
-            # Only what rubs needs its row of the inverse.
+            # Only joints with dry friction need their rows of the inverse.
             dry = True
             inverse[i, :] = 0.0
             inverse[i, i] = 1.0
@@ -111,27 +111,27 @@ def advance(
 
 
 _YIELDS = 0.01
-"""Time in which a surface that something has left comes back, s: its damping is the stiffness times that."""
+"""Time constant with which a surface springs back once nothing presses on it, s: its damping is its stiffness times this."""
 
 
 @njit(nogil=True)
 def press(
     parents: Array, screws: Array, tip: int, place: Array, surface: Array, v: Array, step: float, out: Array
 ) -> tuple[float, float]:
-    """Force of a surface on the tool, and what of it grows with the tool's speed at the end of a step.
+    """Compute the force of a surface on the tool, and its dependence on the tool's speed at the end of the step.
 
     Args:
         parents: Index of the joint that carries each, -1 for the base. [N].
         screws: From `spread`. [N, 6].
         tip: Joint that moves the tool.
-        place: Of the tool, base frame, m. [3].
+        place: Place of the tool, base frame, m. [3].
         surface: Upward direction (3), height along it (m) and stiffness (N/m). [5].
         v: Speeds, rad/s or m/s. [N].
-        step: Step of time, s.
-        out: Result: height that the tool gains per motion of each joint. [N].
+        step: Time step, s.
+        out: Result: derivative of the tool's height by the position of each joint, m/rad or m/m. [N].
 
     Returns:
-        Force (N), and how much of it a speed takes away in the step, N s/m; both zero where nothing is touched.
+        Force, N, and the factor of its implicit term, a mass, kg; both zero if the tool does not touch the surface.
     """
     depth = surface[3] - (surface[0] * place[0] + surface[1] * place[1] + surface[2] * place[2])
     out[:] = 0.0
@@ -150,7 +150,7 @@ def press(
     slows = surface[4] * (step + _YIELDS)
     force = surface[4] * depth - slows * speed
     if force <= 0.0:
-        # It is left faster than the surface follows.
+        # The tool moves away faster than the surface springs back.
         out[:] = 0.0
         return 0.0, 0.0
     return force, slows * step
@@ -158,7 +158,7 @@ def press(
 
 @njit(nogil=True)
 def follow(wanted: Array, most: float) -> Array:
-    """Series that follows another by at most `most` per step. [K] -> [K]."""
+    """Follow a series with changes of at most `most` per sample. [K] -> [K]."""
     out = wanted.copy()
     for k in range(1, len(out)):
         out[k] = out[k - 1] + min(max(wanted[k] - out[k - 1], -most), most)

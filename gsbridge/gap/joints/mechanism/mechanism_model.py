@@ -1,4 +1,4 @@
-"""A mechanism and its controller: any URDF with a block that says how it is driven, and the effects added to it."""
+"""Model of a mechanism: a URDF or an MJCF, a controller that drives it, and effects that were added."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from gsbridge.geometry import Array
 from gsbridge.reading import refusing
 
 MODES = ("torque", "pd", "position", "free")
-"""How a mechanism is driven: by logged torques; by position and speed errors; by a servo known only by its bandwidth; not at
-all."""
+"""How a mechanism is driven: by logged torques; by a controller of position and speed errors; by a servo of which only the
+bandwidth is known; or not at all."""
 
 FASTEST = 1e5
-"""Highest rate of a control loop and of the physics, Hz, and of a servo's bandwidth: a replay takes as many steps a second."""
+"""Highest rate of the control loop and of the physics, and highest bandwidth of a servo, Hz: more would take too many steps."""
 
 _STRONGEST = 30.0
-"""Strongest gravity, m/s2: more than on any planet with ground."""
+"""Largest gravity that is accepted, m/s2: more than on any planet with solid ground."""
 
 _LARGEST = 1e12
-"""Largest gain, friction, inertia and finite limit, SI: nothing real comes near it."""
+"""Largest gain, friction, inertia and finite limit that is accepted, SI units: no real one comes near it."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,9 @@ class ControllerModel:
         stiffness: Torque per position error, N m/rad (mode `pd`). [N].
         damping: Torque per speed error, N m s/rad (mode `pd`). [N].
         bandwidth: Bandwidth of the servo, Hz (mode `position`).
-        gravity_compensation: Share of the weight that the controller carries.
-        velocity_reference: `zero`: damping acts on the speed; `derivative`: on the speed error, the command's own derivative.
+        gravity_compensation: Share of the weight that the controller compensates.
+        velocity_reference: Target speed of the controller if the record commands no speeds: `zero`, or the `derivative` of the
+            commanded position.
         torque_limit: Largest torque of each joint, N m; infinite where there is none. [N].
         between: What reaches the controller between two logged commands: `hold` (the last one) or `line` (a straight line).
     """
@@ -74,16 +75,16 @@ class MechanismModel:
         urdf: Description of the mechanism, a URDF or an MJCF.
         joints: Driven and logged joints, in the order of the records. All others are held.
         gravity: Acceleration in the base frame, m/s2. [3].
-        controller: How it is driven.
+        controller: How the joints are driven.
         viscous: Known viscous friction of each joint, N m s/rad. [N].
         coulomb: Known Coulomb friction of each joint, N m. [N].
         armature: Known inertia of rotor and gear seen from the joint, kg m2. [N].
         limits: Lower and upper limits, rad; infinite where the description has none. [N, 2].
-        physics_rate: Steps of the engine per second.
-        effects: What was added.
-        centred: Whether positions move with the mean of a step's two speeds instead of the new one.
-        tool: Link whose place `tool` columns are; empty for none.
-        sliding: Those of the joints that slide instead of turning: wherever a unit has rad or N m, theirs has m or N.
+        physics_rate: Simulation steps per second.
+        effects: Effects that were added to the model.
+        centred: Whether positions move with the mean of a step's two speeds instead of the new speed.
+        tool: Link whose place the `tool` columns log; empty for none.
+        sliding: Joints that slide instead of turning; their units have m and N wherever others have rad and N m.
     """
 
     urdf: Path
@@ -106,7 +107,7 @@ class MechanismModel:
         return 1.0 / self.physics_rate
 
     def digest(self) -> str:
-        """SHA-256 over everything that a simulation depends on."""
+        """Return the SHA-256 of everything that a simulation depends on."""
         c = self.controller
         figures = [self.joints, self.gravity, c.mode, c.rate, c.stiffness, c.damping, c.bandwidth, c.gravity_compensation]
         figures += [
@@ -165,11 +166,11 @@ _CONTROL = (
 
 
 def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "model") -> MechanismModel:
-    """A mechanism from the content of its file.
+    """Make a model of a mechanism from the content of its file.
 
     Args:
         content: Content of the file.
-        folder: Folder that the path of its URDF starts from.
+        folder: Folder to which the path of the URDF or MJCF is relative.
         source: File, for messages.
 
     Raises:
@@ -179,7 +180,7 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     _check_keys(content, _KEYS, (described, "controller"), source, "")
     if "urdf" in content and "mjcf" in content:
         raise InputError(source, "it names both a URDF and an MJCF", "Keep one of them")
-    # A key with nothing behind it says as much as none.
+    # A key without a value counts as absent.
     content = {key: value for key, value in content.items() if value is not None or key == described}
     _check_keys(content.get("controller", {}), _CONTROL, ("mode",), source, "controller.")
     given = {key: value for key, value in content["controller"].items() if value is not None}
@@ -191,7 +192,7 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     urdf = folder / content[described]
     description = read_mechanism_description(urdf, described, source)
     besides = stated_besides(description)
-    # In the file's order, which is that of the records where the model names no joints.
+    # Keep the file's order, which is that of the records if the model names no joints.
     by_name = {joint.name: joint for joint in description.joints if joint.kind in ("revolute", "continuous", "prismatic")}
     moving = {name: by_name[name] for name in description.origins if name in by_name}
     named = content.get("joints") or [name for name, joint in moving.items() if joint.follows is None]
@@ -219,7 +220,7 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
                 source, f"'{key}' has {len(values)} numbers for {count} joints ({', '.join(joints)})",
                 "Give one per joint, or one for all; name those that are driven under 'joints'",
             )  # fmt: skip
-        # Only a limit may be endless; nothing says the same.
+        # Only a limit may be infinite; null means the same.
         values = [np.inf if value is None and endless else value for value in values]
         out = np.array([_number(value, key, source, endless) for value in values])
         if endless and (out == 0).any():
@@ -289,10 +290,10 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
 
 
 def _number(value: Any, key: str, source: str | Path, endless: bool = False) -> float:
-    """A finite number of a model, or one that may be infinite.
+    """Read a finite number of a model, or one that may be infinite if `endless`.
 
     Raises:
-        InputError: It is none.
+        InputError: The value is no such number.
     """
     out = plain_number(value)
     if out is None:
@@ -303,7 +304,7 @@ def _number(value: Any, key: str, source: str | Path, endless: bool = False) -> 
 
 
 def _read_effects(items: Any, source: str | Path, joints: tuple[str, ...], sliding: tuple[str, ...]) -> tuple[Applied, ...]:
-    """Check the list of effects; figures at joints that slide are in metres and newtons.
+    """Read and check the list of effects; figures at joints that slide are in metres and newtons.
 
     Raises:
         InputError: As `gsbridge.effects.registry.read_effects`.
@@ -318,7 +319,7 @@ def _read_effects(items: Any, source: str | Path, joints: tuple[str, ...], slidi
 
 
 def _check_keys(content: Any, known: tuple[str, ...], needed: tuple[str, ...], source: str | Path, prefix: str) -> None:
-    """Refuse a section that is none, lacks a key or has an unknown one."""
+    """Refuse a section that is no mapping, lacks a key or has an unknown one."""
     if not isinstance(content, Mapping):
         raise InputError(source, f"'{prefix.rstrip('.') or 'the model'}' is no section", "Correct it after docs/gap.md")
     for key in content:

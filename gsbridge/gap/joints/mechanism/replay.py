@@ -1,10 +1,10 @@
 """Replay of a record through the simulated mechanism.
 
-The mechanism's equations are stepped by a compiled kernel, some ten times faster than an engine with Python between its
-steps; a diagnosis needs thousands of runs. `tests/unit/bullet_replay.py` runs the same in PyBullet itself, and tests hold the
-two together. PyBullet's scheme (positions move with the new speed) shifts positions against speeds by half a step; at 1 kHz
-that looks like half a millisecond of latency, so a mechanism is stepped with the mean speed unless its file says
-`scheme: euler`. Runs of the same input are equal to the last bit.
+A compiled kernel steps the mechanism's equations, about ten times faster than an engine with Python between its steps; a
+diagnosis needs thousands of runs. `tests/unit/bullet_replay.py` runs the same in PyBullet, and tests check that the two agree.
+PyBullet's scheme (positions move with the new speed) shifts positions against speeds by half a step. At 1 kHz that looks like
+half a millisecond of latency, so that a mechanism is stepped with the mean speed unless its file says `scheme: euler`. Runs of
+the same input are equal to the last bit.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from gsbridge.gap.joints.mechanism.setup import JointSetup
 from gsbridge.geometry import Array
 
 _FILLED = 3
-"""Largest number of commands in a row that a log may have lost."""
+"""Largest number of lost commands in a row that are filled in."""
 
 _REGULAR, _MOSTLY = 0.1, 0.98
-"""Largest deviation of a step between stamps from a whole number of periods, and share of the steps that must keep to it, for a
-gap to be commands that were lost."""
+"""Largest deviation of a step between time stamps from a whole number of periods, in periods, and share of the steps that must
+keep within it, for gaps to count as lost commands."""
 
 _LOST = 0.1
-"""Share of a log's steps from which on gaps are its way of logging, and no losses."""
+"""Share of a log's steps from which on gaps belong to the way of logging and are not lost commands."""
 
 Span = tuple[int, int]
 """First sample of a stretch of a record, and the one behind its last."""
@@ -50,10 +50,10 @@ class Mechanism:
         InputError: The URDF cannot be used, or a joint has nothing to move.
 
     Attributes:
-        runs: Simulations so far.
-        shared: Simulations among `runs` whose results are kept for all records of equal commands.
-        tip: Joint of the chain that moves the tool.
-        toe: Where the tool is in that joint's frame, m. [3].
+        runs: Number of simulations so far.
+        shared: Number of simulations among `runs` whose results are kept for all records of equal commands.
+        tip: Joint of the chain that moves the tool; without a tool, the end of the mechanism.
+        toe: Place of the tool or end in that joint's frame, m. [3].
     """
 
     def __init__(self, system: MechanismModel) -> None:
@@ -72,7 +72,7 @@ class Mechanism:
                 )  # fmt: skip
 
     def setup(self) -> JointSetup:
-        """A fresh nominal setup."""
+        """Make a fresh setup without effects."""
         return JointSetup.nominal(self.system, self.skeleton.inertials, self.skeleton.child_of)
 
     def run(self, record: Record, setup: JointSetup, spans: Sequence[Span], states: Sequence[State]) -> dict[str, Array]:
@@ -85,8 +85,9 @@ class Mechanism:
             states: Positions, rad or m, and speeds of the joints at the start of each stretch, as measured. [N] each.
 
         Returns:
-            `position`, `velocity`, `effort` (what the controller asks of the motors) at the record's times, and `tool` where
-            the record has it; not-a-number outside the stretches and after a divergence. Each [T, N]; `tool` [T, 3].
+            `position`, `velocity` and `effort` (the torque that the controller asks of the motors) at the record's times, and
+            `tool` if the record has it, SI units. Each [T, N]; `tool` [T, 3]. Not-a-number outside the stretches and after a
+            divergence.
         """
         self.runs += 1
         system, chain, order = self.system, self.chain, self.chain.order
@@ -117,7 +118,7 @@ class Mechanism:
                 channels[kind] = np.empty_like(values)
                 channels[kind][:, order] = values
             if TOOL in out:
-                # Encoders may err, and see the motor's side of a soft joint; the tool is where the links really are.
+                # Take the true positions of the links: encoders may err, and measure the motor's side of a soft joint.
                 channels[TOOL] = chain.place(system.tool, raw[3])
             grid = begin * step + step * np.arange(length)
             for hook in setup.outputs:
@@ -129,13 +130,13 @@ class Mechanism:
 
 
 def up_of(gravity: Array) -> Array:
-    """Upward direction; zero without gravity. [3] -> [3]."""
+    """Compute the upward unit vector from gravity; zero without gravity. [3] -> [3]."""
     length = float(np.linalg.norm(gravity))
     return -gravity / length if length > 0.0 else np.zeros(3)
 
 
 def true_state(setup: JointSetup, q: Array, v: Array) -> State:
-    """State of the joints behind a measured one: what the encoders add is taken off.
+    """Compute the true state of the joints from a measured one by taking off the encoders' errors.
 
     Args:
         setup: The mechanism, with its encoders' errors.
@@ -152,10 +153,11 @@ def true_state(setup: JointSetup, q: Array, v: Array) -> State:
 
 
 def with_lost_commands(record: Record) -> tuple[Array, Mapping[str, Array]]:
-    """Commands with those that a log lost here and there, along a cubic spline through the others.
+    """Fill in commands that a log lost here and there, along a cubic spline through the others.
 
-    The controller got them all the same. Longer gaps, and those of logs whose stamps jitter, stay as they are. A spline swings
-    where a command jumps: it may bend no more than the command does around a gap.
+    The controller received these commands, although they were not logged. Longer gaps, and gaps of logs whose time stamps
+    jitter, are left alone. Since a spline overshoots where a command jumps, it may bend no more than the command does around
+    the gap.
 
     Args:
         record: Commands and times.
@@ -175,7 +177,7 @@ def with_lost_commands(record: Record) -> tuple[Array, Mapping[str, Array]]:
 
 
 def _smooth(time: Array, values: Array, every: Array) -> Array:
-    """Values between samples: a line's, and as much of what a cubic spline adds as the curvature around allows.
+    """Interpolate between samples by lines, plus the cubic spline's deviation from them as far as nearby curvature allows.
 
     Args:
         time: Times of the samples, s. [T].
@@ -184,10 +186,11 @@ def _smooth(time: Array, values: Array, every: Array) -> Array:
     """
     gaps = np.diff(time)[:, None]
     slopes = np.diff(values, axis=0) / gaps
-    # Second derivative at each sample; the ends have that of their neighbours. Of the four around a gap a jump raises two.
+    # Second derivative at each sample; the ends take that of their neighbours. A jump raises at most two of the four around a
+    # gap, so that the second smallest of the four is used.
     bends = np.abs(np.pad(2.0 * np.diff(slopes, axis=0) / (gaps[1:] + gaps[:-1]), ((2, 2), (0, 0)), mode="edge"))
     around = np.sort(np.stack([bends[k : len(gaps) + k] for k in range(4)]), axis=0)[1]
-    # Between two samples a parabola departs from the line by an eighth of this at most; twice that leaves cubics room.
+    # A parabola departs from the line by at most an eighth of curvature times gap squared; twice that leaves room for cubics.
     most = around * gaps**2 / 4.0
     row = (np.searchsorted(time, every, side="right") - 1).clip(0, len(time) - 2)
     line = values[row] + slopes[row] * (every - time[row])[:, None]
@@ -195,16 +198,16 @@ def _smooth(time: Array, values: Array, every: Array) -> Array:
 
 
 def command_grid(record: Record, system: MechanismModel, setup: JointSetup, steps: int) -> tuple[Array, Array, Array]:
-    """Commands as they reach the controller in each physics step.
+    """Compute the commands as they reach the controller in each physics step.
 
     Args:
         record: Commands as they were sent.
         system: Model of the mechanism.
-        setup: The mechanism; its hooks on the way of the commands are applied.
-        steps: Physics steps.
+        setup: The mechanism, whose command hooks are applied.
+        steps: Number of physics steps.
 
     Returns:
-        Target, its speed, and feedforward torque. [steps, N] each.
+        Target, its speed, and feedforward torque, SI units. [steps, N] each.
     """
     count, step = len(record.joints), system.time_step
     zero = np.zeros((steps, count))
@@ -212,7 +215,7 @@ def command_grid(record: Record, system: MechanismModel, setup: JointSetup, step
         return zero, zero, zero
     grid = step * np.arange(steps)
     time, sent = with_lost_commands(record)
-    # Half a microsecond forgives rounding of stamps that lie on the grid.
+    # Add half a microsecond to allow for rounding of stamps that lie on the grid.
     rows = (np.searchsorted(time, grid + 5e-7, side="right") - 1).clip(0)
     commands: dict[str, Array] = {}
     for kind, values in sent.items():

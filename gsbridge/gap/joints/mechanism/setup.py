@@ -1,4 +1,4 @@
-"""What one simulation is made of: the nominal figures of a mechanism, which effects change before it runs."""
+"""The input of one simulation: the nominal figures of a mechanism, which effects change before it runs."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 CommandFilter = Callable[[Array, float], Array]
-"""Commands on the grid of the physics [K, N] and its step in s -> commands that reach the controller [K, N]."""
+"""Function that turns commands on the grid of the physics [K, N], with its step in s, into those that reach the controller."""
 
 Output = Callable[[Array, dict[str, Array]], dict[str, Array]]
-"""Times [K] in s and channels, each [K, N] -> channels as they are logged. [K, N]."""
+"""Function that turns times [K], s, and channels, each [K, N], into the channels as they are logged, each [K, N]."""
 
 
 @dataclass
@@ -28,13 +28,14 @@ class JointSetup:
 
     Args:
         law: Figures of the joints, by their names in `gsbridge.gap.joints.mechanism.joint_kernel.LAW`. Each [N].
-        gravity: Gravity as it acts, base frame, m/s2; the controller believes in the nominal one. [3].
-        inertials: Mass properties of the links as they are; the controller believes in the nominal ones.
-        child_of: Link that each joint moves.
+        gravity: Gravity as it acts, base frame, m/s2; the controller uses the nominal one. [3].
+        inertials: Actual mass properties of the links; the controller uses the nominal ones.
+        child_of: Name of the link that each joint moves, by the joint's name.
         joints: Names of the joints.
-        surface: Height over the base's origin (m) and stiffness (N/m) of what the tool presses on; none is infinitely low. [2].
-        commands: Hooks on the way of the commands.
-        outputs: Hooks on the way to the log.
+        surface: Height above the base's origin (m) and stiffness (N/m) of a surface below the tool; without one, the height is
+            minus infinity. [2].
+        commands: Functions that act on the commands before they reach the controller, in order.
+        outputs: Functions that act on the channels before they are logged, in order.
     """
 
     law: dict[str, Array]
@@ -48,7 +49,7 @@ class JointSetup:
 
     @classmethod
     def nominal(cls, system: MechanismModel, inertials: dict[str, Inertial], child_of: dict[str, str]) -> JointSetup:
-        """Setup of a mechanism without effects.
+        """Make the setup of a mechanism without effects.
 
         Args:
             system: Model of the mechanism.
@@ -64,19 +65,19 @@ class JointSetup:
         return cls(law, system.gravity.copy(), dict(inertials), dict(child_of), system.joints)
 
     def rows(self) -> Array:
-        """Figures as the kernel takes them. [len(LAW), N]."""
+        """Stack the figures in the order of the kernel. [len(LAW), N]."""
         return np.stack([self.law[name] for name in LAW])
 
     def delay_commands(self, seconds: float) -> None:
-        """Let commands reach the controller some time later."""
+        """Delay the commands on their way to the controller by a time in s."""
         self.commands.append(lambda commands, step: delayed(commands, seconds, step))
 
     def smooth_commands(self, seconds: float) -> None:
-        """Put a filter of first order before the controller; `seconds` is its time constant."""
+        """Put a filter of first order before the controller; `seconds` is its time constant, s."""
         self.commands.append(lambda commands, step: smoothed(commands, seconds, step))
 
     def limit_commands(self, joint: int, slowness: float) -> None:
-        """Limit how fast the command of one joint may change; `slowness` is one over the largest speed, s/rad."""
+        """Limit how fast the command of one joint may change; `slowness` is one over the largest speed, s/rad or s/m."""
 
         def limit(commands: Array, step: float) -> Array:
             out = commands.copy()
@@ -91,16 +92,25 @@ class JointSetup:
         self.inertials[link] = self.inertials[link].scaled(factor)
 
     def add_payload(self, mass: float, place: Array) -> None:
-        """Fix a point mass (kg) at a place (m) in the frame of the last link. [3]."""
+        """Fix a point mass (kg) at a place in the frame of the last link (m, [3])."""
         link = self.child_of[self.joints[-1]]
         self.inertials[link] = self.inertials[link].with_point(mass, place)
 
     def lay_surface(self, height: float, stiffness: float) -> None:
-        """Stop the tool, or the last link's end, at a height (m) above the base's origin; force per depth in N/m."""
+        """Put a surface in the way of the tool, or of the last link's end.
+
+        Args:
+            height: Height above the base's origin, m.
+            stiffness: Force per depth, N/m.
+        """
         self.surface = np.array([height, stiffness])
 
     def restamp_motion(self, taken: Callable[[Array], Array]) -> None:
-        """Log positions and speeds as they were at other times than their stamps say: stamps to times, s. [T] -> [T]."""
+        """Log positions and speeds as they were at other times than their stamps say.
+
+        Args:
+            taken: Function that turns time stamps into the times of the measurements, s. [T] -> [T].
+        """
 
         def late(time: Array, channels: dict[str, Array]) -> dict[str, Array]:
             out = dict(channels)
@@ -112,7 +122,7 @@ class JointSetup:
 
 
 def delayed(values: Array, seconds: float, step: float) -> Array:
-    """Commands some time later; before the first one, the first one holds.
+    """Delay commands; before the first one arrives, the first one holds.
 
     Args:
         values: Commands. [K, N].
@@ -127,7 +137,7 @@ def delayed(values: Array, seconds: float, step: float) -> Array:
 
 
 def smoothed(values: Array, seconds: float, step: float) -> Array:
-    """Commands behind a filter of first order that has settled at the first one; exact for lines between commands.
+    """Filter commands by a first-order lag that has settled at the first command; exact for lines between commands.
 
     Args:
         values: Commands. [K, N].
@@ -140,6 +150,6 @@ def smoothed(values: Array, seconds: float, step: float) -> Array:
     if seconds <= 0:
         return values
     keep = np.exp(-step / seconds)
-    # Commands that were held for a step instead would come out half a step too early, which is a lag of its own.
+    # A filter that is exact for commands held over each step would have another lag: its output would be half a step too early.
     old = seconds / step * (1 - keep)
     return lfilter([1 - old, old - keep], [1, -keep], values, axis=0, zi=old * values[:1])[0]
