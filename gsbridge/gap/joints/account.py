@@ -54,7 +54,7 @@ def account_of(search: Search, finding: Finding, whole: Hypothesis, third: Joint
     for number, k in enumerate(order):
         candidate = whole.fit.who[k]
         share = float((sizes[number] - sizes[number + 1]) / gap)
-        # An effect that explains most of the gap is worth fitting its rivals, to tell it from similar effects on all records.
+        # If an effect explains most of the gap, its rivals are fitted and compared with it on all records.
         verdict, instead = _standing(search, finding, whole, k, third if share >= TRANSFERS else None)
         deviations = whole.fit.deviations[places[k] : places[k + 1]]
         entries.append(AccountEntry(candidate, whole.fit.effects[k], deviations, share, verdict, instead))

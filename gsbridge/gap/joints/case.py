@@ -293,7 +293,7 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
     """Check that a record fits its mechanism, and add the noise and the tolerance that the case states.
 
     Raises:
-        InputError: Commands, positions or the tool's link are missing, angles are in degrees, or a stated size is no use.
+        InputError: Commands, positions or the tool's link are missing, angles are degrees, or a stated size cannot be used.
     """
     if system.controller.mode != "free" and "command" not in record.commands:
         record_needs = "torques" if system.controller.mode == "torque" else "commanded positions"

@@ -96,7 +96,7 @@ def _estimated(view: JointResiduals, noise: Array) -> Array:
 
 
 def _slow(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Draw a slow deviation of unit size, with a correlation time between four samples and four records. [T, C]."""
+    """Draw a slow deviation of unit size; its correlation time is random, from 4 samples to 4 times the record. [T, C]."""
     memory = np.exp(-1.0 / np.exp(rng.uniform(np.log(4.0), np.log(4.0 * shape[0]))))
     start = rng.standard_normal((1, shape[1]))
     return lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(shape), axis=0, zi=memory * start)[0]

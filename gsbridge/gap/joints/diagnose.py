@@ -278,7 +278,7 @@ def _second_look(
 ) -> tuple[Finding, Verification] | None:
     """Fit and judge together the first effects of an account that close the gap, since the search may never have tried them.
 
-    The search adds one effect at a time, that which explains most alone, and may so miss all effects of the right set.
+    The search adds effects one by one, starting with the one that explains most alone, and may so miss all of the right set.
 
     Args:
         search: Search that compares explanations.

@@ -288,7 +288,8 @@ def simulate(
             before[i], was[i], end[i] = v[i], q[i], q[i] + step * v[i]
             alone[i], rubbed[i], diagonal[i] = right[i], impulse[i], matrix[i, i]
         for attempt in range(_MEETINGS if parted else 1):
-            # Whether a link touches its motor depends on where it ends, and that on whether they touch: repeat until they agree.
+            # Whether a link touches its motor depends on where it ends, which depends on whether they touch: repeat until both
+            # agree.
             met = True
             for i in range(count):
                 if parted and soft[i] and not joins[i]:
@@ -317,7 +318,7 @@ def simulate(
                 motor_speed[i] = v[i] + (angle - motor[i] - (q[i] - was[i])) / step
                 motor[i] = angle
             elif soft[i]:
-                # `transmit` places the motor beside the link at `end`, where the new speed leads. With mean speeds, the link ends
+                # `transmit` places the motor beside the link at `end`, where the new speed leads. With mean speeds the link ends
                 # at `q` instead, and the motor is shifted by the same distance.
                 _, _, angle = transmit(
                     end[i], motor[i], motor_speed[i], pulls[i], damps[i], stiffs[i], law[_ARMATURE, i],
