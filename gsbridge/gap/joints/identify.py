@@ -281,7 +281,7 @@ class JointIdentification(Explanations):
     def _closed(self, trial: Hypothesis) -> float:
         """Compute the share of the gap on `select` that a trial closes, noise taken off.
 
-        Moments of rest and of knocking parts do not count, for effects with dry friction or play.
+        For effects with dry friction or play, moments of rest or of knocking parts may be left out.
         """
         held = [c.joint for c in trial.fit.who if c.effect.sticks]
         rests = self.second.rests(trial.fit.effects, held)
@@ -289,7 +289,7 @@ class JointIdentification(Explanations):
         return max(closes, closed_beside_knocks(trial.fit.effects, self.plain, trial.residual, self.null.share))
 
     def _closed_first(self, trial: Hypothesis) -> float:
-        """Compute the share of the gap on `fit` that a trial closes at most times; `select` judges the others."""
+        """Compute the share of the gap on `fit` that a trial closes at most times; `select` shows if the rest is its fault."""
         if trial.fit.records > 1 and self.null_first.p_value(self.start) >= self.rules.alarm:
             return self._closed(trial)  # There is no gap on `fit`.
         return closed_at_most_times(self.start, trial.first, self.null_first.share)

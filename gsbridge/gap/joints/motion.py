@@ -111,7 +111,7 @@ def vibrates(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: n
 
 
 def _without_course(views: Sequence[JointResiduals], residuals: Sequence[Array]) -> Array:
-    """Take off the last record's residual its regression on each joint's nominal motion, as fitted to the first. [T, C].
+    """Subtract from the last residual what a regression on each joint's nominal motion, fitted to the first, predicts. [T, C].
 
     The error of a sensor with a wrong scale is proportional to the motion, although the mechanism moves as simulated.
     """

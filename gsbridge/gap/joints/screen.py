@@ -13,7 +13,7 @@ from gsbridge.gap.joints.signatures import Signature, SignatureBank
 from gsbridge.geometry import Array
 
 _STRETCH = (0.4, 60.0)
-"""Range of factors by which a signature may be scaled: it just stands out from the noise, while a gap may be large."""
+"""Range of factors by which a signature may be scaled: signatures just stand out from the noise, while a gap may be large."""
 
 _PROJECTED = 1.2
 """A fit starts from a sum of signatures if that removes more than this many times the squared residual that the best single

@@ -54,7 +54,7 @@ def leave_out_touches(views: Mapping[str, JointResiduals], bank: SignatureBank) 
         bank: Signatures on `fit`.
 
     Returns:
-        Begin and end of each stretch that was left out, s from the record's first sample, by role; empty if there is none.
+        Start and end of each stretch that was left out, s from the record's first sample, by role; empty if there is none.
     """
     found = touches(views)
     if "fit" not in found:
@@ -75,7 +75,7 @@ def touches_told(left_out: Mapping[str, Sequence[tuple[float, float]]], alone: b
     """Write a sentence on the touches that were left out.
 
     Args:
-        left_out: Begin and end of each touch, s, by role.
+        left_out: Start and end of each touch, s, by role.
         alone: Whether simulation and measurement agree at all other times, so that the touches are the whole finding.
     """
     where = "; ".join(

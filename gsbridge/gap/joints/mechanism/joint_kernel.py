@@ -115,7 +115,7 @@ def simulate(
         bandwidth: Bandwidth of the servo, rad/s (mode position).
         target, speed, extra: Commands of each step: positions, speeds and torques, SI units. [K, N].
         q0, v0: Positions and speeds at the start, SI units. [N].
-        start: Time of the start since the record's begin, s.
+        start: Time of the first step, counted from the start of the record, s.
         step: Time step, s.
         every: Physics steps per control step.
         centred: Whether positions move with the mean of a step's two speeds, as under a constant torque, or with the new speed,
@@ -318,7 +318,7 @@ def simulate(
                 motor_speed[i] = v[i] + (angle - motor[i] - (q[i] - was[i])) / step
                 motor[i] = angle
             elif soft[i]:
-                # `transmit` places the motor beside the link at `end`, where the new speed leads. With mean speeds the link ends
+                # `transmit` places the motor beside a link at `end`, where the new speed leads. With mean speeds, the link is
                 # at `q` instead, and the motor is shifted by the same distance.
                 _, _, angle = transmit(
                     end[i], motor[i], motor_speed[i], pulls[i], damps[i], stiffs[i], law[_ARMATURE, i],

@@ -33,8 +33,8 @@ def transmit(
 
     Args:
         q: Angle of the link at the end of the step, rad.
-        motor: Angle of the motor at the begin of the step, rad.
-        motor_speed: Speed of the motor at the begin of the step, rad/s.
+        motor: Angle of the motor at the start of the step, rad.
+        motor_speed: Speed of the motor at the start of the step, rad/s.
         pull: Torque that depends on neither angle nor speed, N m.
         damping: Damping that acts on the motor, N m s/rad.
         stiffness: Stiffness that acts on the motor, N m/rad.
