@@ -1,1 +1,1 @@
-"""Registration: where the table stands before the robot and where the camera sits on the flange."""
+"""Registration: finds the pose of the table in the robot's base frame and the pose of the camera on the flange."""

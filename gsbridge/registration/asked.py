@@ -1,7 +1,7 @@
-"""A board capture that a run is asked to use, looked at before any job starts.
+"""Check of the board capture that a run is asked to use, made before any job starts.
 
-The stage reads the same files when its turn comes. What is wrong with them is told here, in one line for whatever it is, while
-whoever asked still sits before the screen.
+The stage reads the same files later. This early check reports any fault in them as one line while the user who started the run
+is still at the screen.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ _REMEDY = "docs/registration.md describes the files"
 
 
 def check_board_capture(folder: str | Path) -> BoardCapture:
-    """Read a board capture, and refuse whatever is wrong with it.
+    """Read a board capture and report any fault in it as an `InputError`.
 
     Args:
         folder: The photos, `arm.csv` or `arm.json`, and `camera.json`.
 
     Raises:
-        InputError: A file cannot be read, or a number in it cannot be.
+        InputError: A file cannot be read, or holds a value that is not possible.
     """
     place = Path(folder)
     with refusing(place, "the board capture cannot be read", _REMEDY):

@@ -1,7 +1,7 @@
-"""A board capture: photos of the board by the wrist camera, and where the arm stood for each.
+"""A board capture: photos of the board by the wrist camera, and the arm's pose for each photo.
 
-A folder with the photos, `arm.csv` or `arm.json`, and, where the intrinsics are known, `camera.json`; `docs/registration.md`
-describes the files.
+The capture is a folder with the photos, `arm.csv` or `arm.json`, and, where the intrinsics are known, `camera.json`.
+`docs/registration.md` describes the files.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gsbridge.robot.assembly import check_reach, check_rigid
 ARM_CSV, ARM_JSON, CAMERA_JSON = "arm.csv", "arm.json", "camera.json"
 
 _LARGEST = MOST_FILES * 2**10
-"""Largest size of a list of poses, bytes: a kilobyte for each of as many photos as a folder of data may hold."""
+"""Largest allowed size of a file of the capture, bytes: one kilobyte per photo, times the most photos a folder may hold."""
 
 _POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
@@ -46,7 +46,7 @@ class BoardCapture:
         folder: Where the photos lie.
         images: File names. N of them.
         joints: Measured joint angles, rad. [N, J].
-        base_from_flange: Poses of the flange, m, for arms that report these. [N, 4, 4].
+        base_from_flange: Poses of the flange, m, for arms that report poses instead of joint angles. [N, 4, 4].
         camera: Intrinsics of the photos; None where they are to be estimated from the board.
     """
 
@@ -61,7 +61,7 @@ def read_board_capture(folder: str | Path) -> BoardCapture:
     """Read a board capture.
 
     Args:
-        folder: See the module's head.
+        folder: The capture's folder, as the module's docstring describes it.
 
     Raises:
         InputError: A file is missing or damaged, a photo is named twice, or a value is no finite number.
@@ -117,20 +117,20 @@ def write_camera(path: str | Path, camera: Camera) -> None:
 
 
 def _without_empty_end(cells: list[str]) -> list[str]:
-    """Cells of a line without the empty ones at its end."""
+    """Return the cells of a line without the empty ones at its end."""
     filled = [place for place, cell in enumerate(cells) if cell]
     return cells[: filled[-1] + 1] if filled else []
 
 
 def _read_table(path: Path) -> tuple[list[str], Array | None, Array | None]:
-    """`arm.csv`: photos, joints or flange poses."""
+    """Read `arm.csv`: photos, then either joints, rad [N, J], or flange poses, m [N, 4, 4]; the other one is None."""
     with (
         refusing(path, "it is no table with commas between the cells", _TABLE_REMEDY),
         path.open(newline="", encoding="utf-8-sig") as file,
     ):
         reader = csv.reader(file, skipinitialspace=True, strict=True)
         lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader if any(map(str.strip, cells))]
-    # Spreadsheets put empty columns behind the last.
+    # Spreadsheets add empty columns after the last one.
     columns = _without_empty_end(lines[0][1]) if lines else []
     joints = [name for name in columns if re.fullmatch(r"q[0-9]+(_deg)?", name)]
     joints.sort(key=lambda name: int(name.removesuffix("_deg")[1:]))
@@ -170,7 +170,7 @@ def _read_table(path: Path) -> tuple[list[str], Array | None, Array | None]:
 
 
 def _read_list(path: Path) -> tuple[list[str], Array | None, Array | None]:
-    """`arm.json`: the same as a list of poses."""
+    """Read `arm.json`, a list of poses; the result is that of `_read_table`."""
     content = read_given_json(path, _LIST_REMEDY)
     with refusing(path, "a pose is damaged", _LIST_REMEDY):
         poses = list(content["poses"])
@@ -187,7 +187,7 @@ def _read_list(path: Path) -> tuple[list[str], Array | None, Array | None]:
 
 
 def _read_camera(path: Path) -> Camera | None:
-    """Intrinsics, bare or inside a record of the calibration; None without a file."""
+    """Read the intrinsics, which may stand alone or under the key `camera`, as in a calibration record; None without a file."""
     if not path.is_file():
         return None
     content = read_given_json(path, _CAMERA_REMEDY)

@@ -1,4 +1,4 @@
-"""The fit: camera mount, place of the board and, where wanted, its size, from all tag corners of all poses at once."""
+"""The fit: finds the camera mount, the board's pose and, if asked, its size from all tag corners of all poses at once."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from gsbridge.registration.handeye import HandEye
 from gsbridge.registration.sightings import Sighting
 
 _LOSS_PX = 1.0
-"""Residual from which a corner's pull no longer grows."""
+"""Scale of the robust loss, px: beyond this residual, a corner's influence on the fit hardly grows any more."""
 
 _FAR_PX = 1e3
-"""Residual of a corner that a trial step puts behind the camera."""
+"""Residual given to a corner that a trial step puts behind the camera, px; also the largest residual that counts."""
 
 
 @dataclass(frozen=True)
 class RegistrationViews:
-    """All sightings in flat arrays.
+    """All sightings of the board, stored in flat arrays.
 
     Args:
         camera: Intrinsics.
         base_from_flange: Pose of the flange at each photo. [N, 4, 4].
-        cam_from_board: Pose of the board from each photo alone, at its assumed size. [N, 4, 4].
-        points: Tag corners, board frame at its assumed size, m. [K, 3].
-        pixels: Pixels that the corners were seen at, px. [K, 2].
-        pose: Pose that each corner belongs to. [K].
+        cam_from_board: Pose of the board found from each photo alone, with the board at its assumed size, m. [N, 4, 4].
+        points: Tag corners in the board frame, with the board at its assumed size, m. [K, 3].
+        pixels: Positions at which the corners were seen, px. [K, 2].
+        pose: Index (0 to N - 1) of the pose that each corner belongs to. [K].
     """
 
     camera: Camera
@@ -43,12 +43,12 @@ class RegistrationViews:
 
     @classmethod
     def of(cls, camera: Camera, base_from_flange: Array, sightings: Sequence[Sighting]) -> RegistrationViews:
-        """Views from one sighting per pose.
+        """Build the views from one sighting per pose.
 
         Args:
             camera: Camera of all photos.
             base_from_flange: Pose of the flange at each photo. [N, 4, 4].
-            sightings: Board in each photo, in the same order.
+            sightings: The board in each photo, in the order of `base_from_flange`.
         """
         return cls(
             camera,
@@ -63,7 +63,7 @@ class RegistrationViews:
         return len(self.base_from_flange)
 
     def only(self, keep: Array) -> RegistrationViews:
-        """The views of some poses. keep: bool [N]."""
+        """Return the views of the poses for which `keep` (bool, [N]) is true."""
         rows = keep[self.pose]
         number = np.cumsum(keep) - 1
         return RegistrationViews(
@@ -81,9 +81,9 @@ class Fit:
     """Result of `fit_views`.
 
     Args:
-        found: Mount, place and scale.
-        covariance: Covariance of shift and turn of the mount, shift and turn of the board, and the logarithm of the scale where
-            it is free, m and rad, from the corners' scatter. [12 or 13, same].
+        found: Camera mount, board pose and scale.
+        covariance: Covariance of the parameters of `moved` (m, rad, and the logarithm of the scale if it is fitted), estimated
+            from the scatter of the corners' residuals. [12 or 13, same].
         residuals: Reprojection errors, px. [K, 2].
     """
 
@@ -93,13 +93,18 @@ class Fit:
 
     @property
     def rms_px(self) -> float:
-        """Root mean square distance of seen and predicted corners."""
+        """Root mean square distance between seen and predicted corners, px."""
         return float(np.sqrt((self.residuals**2).sum(1).mean()))
 
 
 def moved(start: HandEye, step: Array) -> HandEye:
-    """A hand-eye calibration changed by a small step: shift and turn of the mount in the flange frame, shift and turn of the
-    board in the base frame about its own origin, logarithm of the scale. [12 or 13]."""
+    """Change a hand-eye calibration by a small step.
+
+    Args:
+        start: Calibration to change.
+        step: Shift, m, and turn, rad, of the mount in the flange frame; shift and turn of the board in the base frame; with 13
+            values, also the change of the scale's logarithm. Each turn is about the moved frame's own origin. [12 or 13].
+    """
     out = HandEye(
         start.flange_from_camera.copy(),
         start.base_from_board.copy(),
@@ -112,7 +117,7 @@ def moved(start: HandEye, step: Array) -> HandEye:
 
 
 def predict(views: RegistrationViews, found: HandEye) -> Array:
-    """Pixels at which the corners should be seen; NaN behind the camera. [K, 2]."""
+    """Predict the pixels at which the corners appear, px; NaN for corners behind the camera. [K, 2]."""
     cam_from_base = np.linalg.inv(views.base_from_flange @ found.flange_from_camera)
     base = found.scale * views.points @ found.base_from_board[:3, :3].T + found.base_from_board[:3, 3]
     local = np.einsum("kij,kj->ki", cam_from_base[views.pose, :3, :3], base) + cam_from_base[views.pose, :3, 3]
@@ -124,8 +129,8 @@ def fit_views(views: RegistrationViews, start: HandEye, *, with_scale: bool) -> 
 
     Args:
         views: The sightings.
-        start: Registration to begin with.
-        with_scale: The board's size is free.
+        start: Calibration from which the fit starts.
+        with_scale: Whether the board's size is fitted, too.
     """
 
     def residual(step: Array) -> Array:
@@ -136,7 +141,7 @@ def fit_views(views: RegistrationViews, start: HandEye, *, with_scale: bool) -> 
     scales = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3] * 2 + [3e-3])[:size]
     result = least_squares(residual, np.zeros(size), loss="soft_l1", f_scale=_LOSS_PX, x_scale=scales)
     errors = residual(result.x).reshape(-1, 2)
-    # The middle half of the residuals tells their spread without the outliers: 0.6745 sigma holds half of a normal law.
+    # The median absolute residual estimates sigma robustly: half of a normal distribution lies within 0.6745 sigma.
     sigma = max(float(np.median(np.abs(errors))) / 0.6745, 1e-6)
     slope = np.asarray(result.jac)
     covariance = sigma**2 * np.linalg.pinv(slope.T @ slope)
@@ -144,23 +149,25 @@ def fit_views(views: RegistrationViews, start: HandEye, *, with_scale: bool) -> 
 
 
 def pose_rms(views: RegistrationViews, fit: Fit) -> Array:
-    """Reprojection error of each pose, px. [N]."""
+    """Return the root mean square reprojection error of each pose, px. [N]."""
     squares = np.bincount(views.pose, (fit.residuals**2).sum(1), len(views))
     return np.sqrt(squares / np.bincount(views.pose, minlength=len(views)))
 
 
 def consistent(views: RegistrationViews, start: HandEye, *, with_scale: bool, floor_px: float, least: int) -> tuple[Fit, Array]:
-    """Fit, leaving out poses that contradict the others: a photo beside the wrong line, an arm that still moved.
+    """Fit, and leave out poses that contradict the others.
+
+    A pose contradicts the others if, for example, its photo is listed with another arm pose, or the arm was still moving.
 
     Args:
         views: All poses.
-        start: Registration to begin with.
-        with_scale: The board's size is free.
+        start: Calibration from which the fit starts.
+        with_scale: Whether the board's size is fitted, too.
         floor_px: Reprojection error, px, up to which no pose is left out.
-        least: Poses below which none is left out any more.
+        least: Number of poses at which no further pose is left out.
 
     Returns:
-        The fit of the poses kept, and which those are, bool [N].
+        The fit to the poses that are kept, and a mask that is true for these poses, bool [N].
     """
     keep = np.ones(len(views), dtype=bool)
     while True:
@@ -168,7 +175,7 @@ def consistent(views: RegistrationViews, start: HandEye, *, with_scale: bool, fl
         fit = fit_views(part, start, with_scale=with_scale)
         errors = pose_rms(part, fit)
         worst = int(np.argmax(errors))
-        # One at a time: a wrong pose pulls the right ones away from where they belong.
+        # Leave out one pose at a time: a wrong pose distorts the fit and so raises the errors of the right poses, too.
         if errors[worst] <= max(floor_px, 4.0 * float(np.median(errors))) or keep.sum() <= least:
             return fit, keep
         keep[np.flatnonzero(keep)[worst]] = False
@@ -179,9 +186,9 @@ class LeftOut:
     """Result of leaving out one pose at a time.
 
     Args:
-        residuals_m: Distance of the board's centre as the left-out pose sees it from where the others put it. [N].
-        covariance: Covariance of the parameters, by the jackknife: it also holds what all corners of a pose have in common,
-            errors of the arm above all. [12 or 13, same].
+        residuals_m: Distance between the board's centre as the left-out pose sees it and as the other poses place it, m. [N].
+        covariance: Jackknife covariance of the parameters. Unlike `Fit.covariance`, it includes errors that all corners of one
+            pose share, mainly errors of the arm. [12 or 13, same].
     """
 
     residuals_m: Array
@@ -194,10 +201,10 @@ def leave_one_out(views: RegistrationViews, fit: Fit, *, with_scale: bool) -> Le
     Args:
         views: All sightings.
         fit: Fit to all of them.
-        with_scale: Whether the board's size is found, too.
+        with_scale: Whether the board's size is fitted, too.
 
     Returns:
-        Distance between the board as each left-out photo sees it and the fit without it, m, and the jackknife's covariance.
+        The residual of each left-out pose, m, and the jackknife covariance.
 
     Source: Efron and Stein, Annals of Statistics 9(3), 1981, for the jackknife.
     """
@@ -213,7 +220,7 @@ def leave_one_out(views: RegistrationViews, fit: Fit, *, with_scale: bool) -> Le
 
 
 def _difference(start: HandEye, other: HandEye, with_scale: bool) -> Array:
-    """The step that `moved` needs from one calibration to another. [12 or 13]."""
+    """Return the step with which `moved` turns `start` into `other`. [12 or 13]."""
     parts = []
     for a, b in ((start.flange_from_camera, other.flange_from_camera), (start.base_from_board, other.base_from_board)):
         parts += [b[:3, 3] - a[:3, 3], Rotation.from_matrix(b[:3, :3] @ a[:3, :3].T).as_rotvec()]

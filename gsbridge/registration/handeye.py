@@ -1,4 +1,4 @@
-"""A start for the registration: hand-eye calibration in closed form, made safe against single wrong poses."""
+"""Start value of the registration: hand-eye calibration in closed form, made robust against single wrong poses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gsbridge.geometry import Array, rotation_angle
 
 _SUBSET, _ROUNDS = 5, 40
 _LEVER_M = 0.1
-"""An angle counts as the way that a point at this distance makes, roughly the board's half size."""
+"""Lever arm, m, roughly half the board's size: an angle counts as the distance that a point at this radius moves."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class HandEye:
     """Result of a hand-eye calibration.
 
     Args:
-        flange_from_camera: OpenCV axes, m. [4, 4].
+        flange_from_camera: Pose of the camera, OpenCV axes, m. [4, 4].
         base_from_board: Pose of the board, m. [4, 4].
         scale: True size of the board over its assumed size.
     """
@@ -29,13 +29,13 @@ class HandEye:
     scale: float = 1.0
 
     def board_poses(self, base_from_flange: Array, cam_from_board: Array) -> Array:
-        """`base_from_board` by each pose's own photo. [N, 4, 4], [N, 4, 4] -> [N, 4, 4]."""
+        """Return `base_from_board` as each pose's own photo gives it. [N, 4, 4], [N, 4, 4] -> [N, 4, 4]."""
         seen = np.array(cam_from_board, dtype=np.float64)
         seen[:, :3, 3] *= self.scale
         return base_from_flange @ self.flange_from_camera @ seen
 
     def mismatch(self, base_from_flange: Array, cam_from_board: Array) -> Array:
-        """Distance of the board that each pose sees from the common one, angle included, m. [N]."""
+        """Return how far the board as each pose sees it lies from `base_from_board`, angle included, m. [N]."""
         seen = self.board_poses(base_from_flange, cam_from_board)
         shift = np.linalg.norm(seen[:, :3, 3] - self.base_from_board[:3, 3], axis=1)
         return shift + _LEVER_M * rotation_angle(seen[:, :3, :3].transpose(0, 2, 1) @ self.base_from_board[:3, :3])
@@ -44,7 +44,8 @@ class HandEye:
 def turn_spread_deg(base_from_flange: Array) -> Array:
     """Standard deviations of the hand's orientation about its three principal axes, largest first. [N, 4, 4] -> [3].
 
-    Hand-eye calibration needs turns about two axes: with turns about one only, the camera may slide along it unnoticed.
+    Hand-eye calibration needs turns about two axes: with turns about only one, the camera's position along that axis is
+    undetermined.
     """
     rotations = np.asarray(base_from_flange)[:, :3, :3]
     u, _, vt = np.linalg.svd(rotations.mean(0))
@@ -55,16 +56,16 @@ def turn_spread_deg(base_from_flange: Array) -> Array:
 
 
 def start_hand_eye(base_from_flange: Array, cam_from_board: Array, *, with_scale: bool, seed: int) -> HandEye:
-    """Hand-eye calibration from all poses and from many small sets of them; the answer that suits most poses wins.
+    """Calibrate from all poses and from many small subsets, and keep the result with the lowest median mismatch.
 
     Args:
         base_from_flange: Pose of the flange at each photo, m. [N, 4, 4].
-        cam_from_board: Board seen in each photo, at its assumed size. [N, 4, 4].
-        with_scale: Find the board's size too.
-        seed: Seed of the small sets.
+        cam_from_board: Pose of the board in each photo, at its assumed size, m. [N, 4, 4].
+        with_scale: Whether the board's size is found, too.
+        seed: Seed for drawing the subsets.
 
     Raises:
-        ValueError: Fewer than three poses.
+        ValueError: There are fewer than three poses, or the poses do not determine a calibration.
     """
     count = len(base_from_flange)
     if count < 3:
@@ -77,12 +78,12 @@ def start_hand_eye(base_from_flange: Array, cam_from_board: Array, *, with_scale
     usable = [item for item in found if item is not None]
     if not usable:
         raise ValueError("the poses determine no hand-eye calibration")
-    # A good set that happens to be ill conditioned loses against the others here, a set with a wrong pose always does.
+    # The median over all poses discards subsets that contain a wrong pose, and subsets that are ill conditioned.
     return min(usable, key=lambda item: float(np.median(item.mismatch(base_from_flange, cam_from_board))))
 
 
 def closed_form(base_from_flange: Array, cam_from_board: Array, *, with_scale: bool) -> HandEye | None:
-    """Calibration in closed form: rotations by the Kronecker product, then translations (and scale) by linear least squares.
+    """Calibrate in closed form: rotations by the Kronecker product, then translations (and scale) by linear least squares.
 
     Args:
         base_from_flange: Pose of the flange at each photo. [N, 4, 4].
@@ -100,7 +101,7 @@ def closed_form(base_from_flange: Array, cam_from_board: Array, *, with_scale: b
     products = np.einsum("nij,nkl->niljk", turns, seen_turns).reshape(count, 9, 9)
     system = np.concatenate([products, np.tile(-np.eye(9), (count, 1, 1))], axis=2).reshape(9 * count, 18)
     _, singular, vt = np.linalg.svd(system, full_matrices=False)
-    # Two directions without resistance mean two answers: the hand turned about one axis only.
+    # A null space of two dimensions means that the answer is not unique: the hand turned about one axis only.
     if len(singular) < 18 or singular[-2] < 1e-6 * singular[0]:
         return None
     null = vt[-1] * np.sign(np.linalg.det(vt[-1, :9].reshape(3, 3)))
@@ -127,7 +128,7 @@ def closed_form(base_from_flange: Array, cam_from_board: Array, *, with_scale: b
 
 
 def _nearest_rotation(matrix: Array) -> Array | None:
-    """The rotation nearest to a matrix; None where there is none. [3, 3]."""
+    """Return the rotation nearest to a matrix; None if the matrix is not finite or its rank is below two. [3, 3]."""
     if not np.isfinite(matrix).all():
         return None
     u, singular, vt = np.linalg.svd(matrix)

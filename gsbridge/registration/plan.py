@@ -1,4 +1,4 @@
-"""Arm poses from which the wrist camera sees the board well: spread over sides, tilts, distances and turns."""
+"""Planning of arm poses from which the wrist camera sees the board well, spread over sides, tilts, distances and turns."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from gsbridge.photogrammetry.board import Board
 from gsbridge.robot.kinematics import Kinematics
 
 _TILT = (np.deg2rad(8.0), np.deg2rad(40.0))
-"""Angle between line of sight and vertical. Flatter, the tags of the far side become too narrow to be measured well."""
+"""Range of the angle between line of sight and vertical, rad. At larger angles, far tags look too narrow to measure well."""
 
 _DISTANCE_M = (0.38, 0.58)
 _AIM_M = 0.02
 _NOD = (np.deg2rad(0.0), np.deg2rad(8.0))
-"""The camera looks below the board's middle, which moves the board up in the picture, away from the hand."""
+"""Range of the angle, rad, by which the camera aims below the board's middle: it moves the board up in the picture, away from
+the hand."""
 
 _MARGIN_PX = 14.0
-"""Room between the board's outermost tag and the picture's border: the camera does not sit exactly where it is thought to."""
+"""Room between the board's outermost tag and the picture's border, px: the camera's true pose differs from the assumed one."""
 
 _LIMIT_MARGIN = np.deg2rad(4.0)
 _CLEARANCE_M = 0.045
-"""Height over the table that no part of the hand goes below: also that is not exactly where it is thought to be."""
+"""Least height of hand and arm over the table, m: the table's true pose, too, differs from the assumed one."""
 
 _HAND_RADIUS_M = 0.03
 _BEYOND_TOOL_M = 0.035
@@ -31,10 +32,10 @@ _BEYOND_TOOL_M = 0.035
 
 _TAGS_SEEN = 6
 _CHOICE = 5
-"""Usable candidates per pose wanted, from which the farthest apart are taken."""
+"""Number of usable candidates collected per wanted pose; the ones farthest apart are then taken."""
 
 _TURN_WEIGHT_M = 0.25
-"""A turn of one radian counts as much as this way of the camera when poses are spread."""
+"""Distance of the camera, m, that counts as much as a turn of one radian when poses are spread."""
 
 
 def plan_poses(
@@ -52,19 +53,19 @@ def plan_poses(
 
     Args:
         kinematics: The robot.
-        base_from_table: Where the table is thought to stand; a few centimetres of error do no harm. [4, 4].
-        flange_from_camera: Where the camera is thought to sit. [4, 4].
+        base_from_table: Assumed pose of the table; a few centimetres of error do no harm. [4, 4].
+        flange_from_camera: Assumed pose of the camera. [4, 4].
         camera: Intrinsics.
         board: The board, lying at the table frame's origin.
-        count: Poses wanted.
+        count: Number of poses wanted.
         seed: Random seed.
-        tries: Candidates to look at, at most.
+        tries: Largest number of candidates to try.
 
     Returns:
-        Arm joints, rad, in an order of short ways. [count, J].
+        Arm joints, rad, ordered so that the arm moves little from each pose to the next. [count, J].
 
     Raises:
-        StageError: Fewer poses than wanted see the board, reach it and keep clear of the table.
+        StageError: Fewer poses than wanted see the board, are within the arm's reach and keep clear of the table.
     """
     rng = np.random.default_rng(seed)
     links = kinematics.fk(kinematics.rest, ["flange", "palm", "tool"])
@@ -77,14 +78,14 @@ def plan_poses(
         if len(found) == _CHOICE * count:
             break
         table_from_camera = _candidate(rng)
-        # What needs no kinematics is checked first: it is cheap and refuses most.
+        # The checks that need no kinematics come first: they are cheap and reject most candidates.
         heights = (table_from_camera[:3, :3] @ hand.T).T[:, 2] + table_from_camera[2, 3]
         if heights.min() < _CLEARANCE_M or not _in_view(camera, np.linalg.inv(table_from_camera), board, hand):
             continue
         answer = kinematics.inverse(base_from_table @ table_from_camera @ camera_from_tool)
         if not answer.converged or kinematics.arm_limits.margin(answer.q).min() < _LIMIT_MARGIN:
             continue
-        # The foot itself stands where it stands.
+        # The first pose is that of the robot's foot: it does not move, so it needs no clearance.
         arm = np.linalg.inv(base_from_table) @ kinematics.poses(answer.q)[1:]
         if arm[:, 2, 3].min() < _CLEARANCE_M:
             continue
@@ -100,13 +101,13 @@ def plan_poses(
 
 
 def _hand(palm: Array, tool: Array) -> Array:
-    """Points along the closed hand from the palm to its fingertips. [10, 3]."""
+    """Return points along the closed hand from the palm to its fingertips, in the frame of `palm` and `tool`, m. [10, 3]."""
     length = float(np.linalg.norm(tool - palm))
     return palm + np.linspace(0.0, length + _BEYOND_TOOL_M, 10)[:, None] * (tool - palm) / length
 
 
 def _candidate(rng: np.random.Generator) -> Array:
-    """A camera that looks at the board from some side, tilted and turned. `table_from_camera`. [4, 4]."""
+    """Draw a camera pose `table_from_camera` that looks at the board from a random side, tilt, distance and turn. [4, 4]."""
     around, turn = rng.uniform(-np.pi, np.pi, 2)
     tilt, distance, nod = rng.uniform(*_TILT), rng.uniform(*_DISTANCE_M), rng.uniform(*_NOD)
     aim = np.array([*rng.uniform(-_AIM_M, _AIM_M, 2), 0.0])
@@ -114,7 +115,7 @@ def _candidate(rng: np.random.Generator) -> Array:
     eye = aim + distance * np.array([*level, np.cos(tilt)])
     out = np.linalg.inv(look_at(eye, aim, np.array([np.cos(turn), np.sin(turn), 0.0])))
     c, s = np.cos(nod), np.sin(nod)
-    # The line of sight turns towards the picture's lower border.
+    # Turn the line of sight towards the picture's lower border.
     out[:3, :3] = out[:3, :3] @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
     return out
 
@@ -135,7 +136,7 @@ def _in_view(camera: Camera, cam_from_table: Array, board: Board, hand: Array) -
 
 
 def _spread(views: Array, count: int) -> list[int]:
-    """Views far from one another in place and turn, chosen one after the other. [M, 4, 4] -> indices."""
+    """Choose views one after the other, each as far as possible in place and turn from those before. [M, 4, 4] -> indices."""
     chosen = [0]
     near = np.full(len(views), np.inf)
     while len(chosen) < count:
@@ -147,7 +148,7 @@ def _spread(views: Array, count: int) -> list[int]:
 
 
 def _ordered(joints: Array, chosen: list[int]) -> list[int]:
-    """Indices in an order in which each pose follows the nearest one before it."""
+    """Order the chosen indices so that after each pose comes the nearest remaining one, by the largest joint difference."""
     left, out = list(chosen[1:]), [chosen[0]]
     while left:
         nearest = min(left, key=lambda index: float(np.abs(joints[index] - joints[out[-1]]).max()))

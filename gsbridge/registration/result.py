@@ -19,9 +19,9 @@ class Registration:
     """Registered poses of table and camera.
 
     Args:
-        base_from_table: Place of the table. [4, 4].
-        flange_from_camera: Mount of the wrist camera, OpenCV axes. [4, 4].
-        reasons: Why it is degraded; empty for a pass.
+        base_from_table: Pose of the table, m. [4, 4].
+        flange_from_camera: Pose of the wrist camera on the flange, OpenCV axes, m. [4, 4].
+        reasons: Why the registration is degraded; empty if it passed.
         camera: Intrinsics of the wrist camera's photos, with distortion; None where the poses were typed.
     """
 
@@ -50,6 +50,6 @@ def read_registration(path: str | Path) -> Registration:
 
 
 def pose_error(found: Array, truth: Array) -> tuple[float, float]:
-    """Distance of two poses: of their origins, m, and the angle between their axes, rad. [4, 4] each."""
+    """Return the distance between the origins of two poses, m, and the angle between their axes, rad. [4, 4] each."""
     shift = float(np.linalg.norm(np.asarray(found)[:3, 3] - np.asarray(truth)[:3, 3]))
     return shift, float(rotation_angle(np.asarray(found)[:3, :3].T @ np.asarray(truth)[:3, :3]))

@@ -1,4 +1,4 @@
-"""The board as single photos show it: tags found, pose from them, photos that do not fit left out."""
+"""Sightings of the board in single photos: pose of the board from the tags found, and rejection of tags that do not fit."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Sighting:
     """The board in one photo.
 
     Args:
-        points: Tag corners, board frame as printed, m. [K, 3].
-        pixels: Where they are seen, px with pixel centres at +0.5, distortion included. [K, 2].
-        cam_from_board: Pose of the board from this photo alone. [4, 4].
-        rms_px: Reprojection error of that pose.
-        tags: Tags used.
+        points: Tag corners in the board frame, at the printed size, m. [K, 3].
+        pixels: Positions of the corners in the photo, px with pixel centres at +0.5, distortion included. [K, 2].
+        cam_from_board: Pose of the board from this photo alone, m. [4, 4].
+        rms_px: Root mean square reprojection error of that pose, px.
+        tags: Number of tags used.
     """
 
     points: Array
@@ -33,16 +33,16 @@ class Sighting:
 
 
 def sight_board(tags: Mapping[int, Array], board: Board, camera: Camera, gate_px: float) -> Sighting | str:
-    """Pose of the board from the tags of one photo.
+    """Find the pose of the board from the tags of one photo.
 
     Args:
-        tags: Corners by tag id, as `find_tags` gives them. [4, 2] each.
-        board: Layout.
+        tags: Corners by tag id, px, as `find_tags` gives them. [4, 2] each.
+        board: Layout of the board.
         camera: Intrinsics, with distortion.
         gate_px: Reprojection error, px, above which tags are left out, one at a time, the worst first.
 
     Returns:
-        The sighting, or why there is none, in a few words.
+        The sighting, or a short phrase that says why there is none.
     """
     layout = board.corners()
     kept = sorted(tag for tag in tags if tag in layout)
@@ -65,14 +65,14 @@ def sight_board(tags: Mapping[int, Array], board: Board, camera: Camera, gate_px
 
 
 def _flat_pose(points: Array, pixels: Array, camera: Camera) -> Array | None:
-    """`cam_from_board` of a flat target, the better of its two candidates, refined. [4, 4]."""
-    # OpenCV has pixel centres at integers, we at +0.5.
+    """Return `cam_from_board` of a flat target, refined from the better of its two candidates; None without one. [4, 4]."""
+    # OpenCV has pixel centres at integers, gsbridge at +0.5.
     k = camera.intrinsics.copy()
     k[:2, 2] -= 0.5
     seen = np.ascontiguousarray(pixels - 0.5)
     distortion = np.array(camera.distortion)
     best, least = None, np.inf
-    # The first method gives both candidates of a flat target, but now and then no numbers at all for corners without noise.
+    # IPPE gives both candidates of a flat target, but for corners without noise it occasionally returns NaN.
     for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_ITERATIVE):
         try:
             count, turns, shifts, _ = cv2.solvePnPGeneric(points, seen, k, distortion, flags=method)
@@ -80,7 +80,7 @@ def _flat_pose(points: Array, pixels: Array, camera: Camera) -> Array | None:
             continue
         for turn, shift in zip(turns[:count], shifts[:count], strict=True):
             refined = cv2.solvePnPRefineLM(points, seen, k, distortion, turn.copy(), shift.copy())
-            # Nor does the refinement where there is nothing left to refine.
+            # The refinement, too, can return NaN where there is nothing left to refine, so the unrefined pose competes as well.
             for vector, place in ((turn, shift), refined):
                 pose = np.eye(4)
                 pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(vector)[0], place.ravel()

@@ -1,4 +1,4 @@
-"""The stage: photos of the board and poses of the arm in, places of table and camera out."""
+"""The registration stage: takes photos of the board and the arm's poses, and finds the poses of table and camera."""
 
 from __future__ import annotations
 
@@ -31,20 +31,23 @@ logger = logging.getLogger("gsbridge")
 
 _STAGE = "registration"
 _FEWEST = 5
-"""Poses that a fit keeps when others contradict them, so that the message can say how many do."""
+"""Number of poses at which the fit stops leaving out contradicting ones. It is not above `min_poses`, so that the error message
+can say how many poses agree."""
 
 _FLOOR_PX = 0.7
-"""Reprojection error that never makes a pose an outlier: some tenths of a pixel more than the tags' own."""
+"""Reprojection error up to which a pose never counts as an outlier, px: a few tenths of a pixel above the error of the tag
+detection."""
 
 _GOOD_CALIBRATION_VIEWS = 20
 
 _SCALE_OFF = 0.005
-"""Relative error of the board's size, beyond three standard errors, that is accepted: films would be as wrong."""
+"""Accepted relative error of the board's size, on top of three standard errors. Lengths in films of the print have the same
+error."""
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """Photos that show the board."""
+    """The photos that show the board, the arm's poses for them, and the reasons why other photos are left out."""
 
     names: list[str]
     base_from_flange: Array
@@ -66,16 +69,17 @@ def register(
 ) -> None:
     """Find `base_from_table` and `flange_from_camera` and write them.
 
-    The table frame is the board's: origin at its centre, x to the right and y up as printed, z out of the table. All tag
-    corners of all photos are fitted at once; hand-eye calibration in closed form is the start.
+    The table frame is the board's frame: origin at its centre, x to the right and y up as printed, z out of the table. One fit
+    uses all tag corners of all photos and starts from a hand-eye calibration in closed form.
 
     Args:
-        source: The configured source; with the key `typed` its poses are taken as they are, otherwise the capture is measured.
+        source: The configured source. If it has the key `typed`, those poses are taken as they are; otherwise the poses are
+            measured from the capture.
         capture: Folder of the board capture; None for typed poses.
-        out_json: Record `registration.json`.
+        out_json: The record `registration.json` to write.
         board: Layout of the board that was filmed.
-        scale: `board`: the board's printed size is true. `robot`: the arm's motion gives its size.
-        settings: Limits.
+        scale: `board`: the board's nominal size is taken as true. `robot`: its size is fitted from the arm's motion.
+        settings: Limits for failing and for degrading the stage.
         seed: Random seed.
 
     Raises:
@@ -97,7 +101,7 @@ def register(
     used = views.only(kept)
     left_out = {**seen.left_out, **{n: "contradicts the other poses" for n, ok in zip(seen.names, kept, strict=True) if not ok}}
     _require(int(kept.sum()), len(left_out), settings, "agree with one another")
-    # What was left out may have been the only turn about a second axis.
+    # Check again: the poses left out may have held the only turns about a second axis.
     _require_turns(used.base_from_flange, settings)
     without = leave_one_out(used, fit, with_scale=free)
     residual_mm = 1e3 * float(np.sqrt((without.residuals_m**2).mean()))
@@ -136,7 +140,7 @@ def register(
 
 
 def _write_typed(typed: Mapping[str, Any], out_json: Path) -> None:
-    """Take poses as they were typed."""
+    """Write the record with the poses as they were typed."""
     poses = {key: typed_pose(typed[key], f"config: workspace.source.typed.{key}") for key in typed}
     missing = {"base_from_table", "flange_from_camera"} - set(poses)
     if missing:
@@ -156,7 +160,7 @@ def _write_typed(typed: Mapping[str, Any], out_json: Path) -> None:
 
 
 def _see(capture: BoardCapture, board: Board, settings: RegistrationSettings) -> _Seen:
-    """Find the board in all photos and place the flange for each."""
+    """Find the board in all photos, and the pose of the flange for each."""
     poses = _flange_poses(capture)
     tags, size = {}, None
     for name in capture.images:
@@ -192,7 +196,7 @@ def _see(capture: BoardCapture, board: Board, settings: RegistrationSettings) ->
 
 
 def _flange_poses(capture: BoardCapture) -> Array:
-    """`base_from_flange` of every photo. [N, 4, 4]."""
+    """Return `base_from_flange` of every photo, m, computed from the joints where no poses are given. [N, 4, 4]."""
     if capture.base_from_flange is not None:
         return capture.base_from_flange
     assert capture.joints is not None
@@ -214,7 +218,7 @@ def _flange_poses(capture: BoardCapture) -> Array:
 
 
 def _estimated_camera(tags: Mapping[str, Mapping[int, Array]], board: Board, size: tuple[int, int]) -> Camera:
-    """Intrinsics from the board alone."""
+    """Estimate the intrinsics from the photos of the board alone."""
     layout = board.corners()
     matches = [
         (np.concatenate([layout[tag] for tag in sorted(found)]), np.concatenate([found[tag] for tag in sorted(found)]))
@@ -233,7 +237,7 @@ def _estimated_camera(tags: Mapping[str, Mapping[int, Array]], board: Board, siz
 
 
 def _require(count: int, left_out: int, settings: RegistrationSettings, what: str) -> None:
-    """Stop where too few poses are usable."""
+    """Raise a `StageError` if too few poses are usable; `what` is what the `count` poses do."""
     if count < settings.min_poses:
         raise StageError(
             _STAGE,
@@ -243,7 +247,7 @@ def _require(count: int, left_out: int, settings: RegistrationSettings, what: st
 
 
 def _require_turns(base_from_flange: Array, settings: RegistrationSettings) -> None:
-    """Stop where the hand turned about one axis only, or hardly at all."""
+    """Raise a `StageError` if the hand turned about one axis only, or hardly at all."""
     spread = turn_spread_deg(base_from_flange)
     if spread[1] < settings.min_turn_deg:
         raise StageError(
@@ -255,7 +259,7 @@ def _require_turns(base_from_flange: Array, settings: RegistrationSettings) -> N
 
 
 def _standard_errors(scatter: Array, without: LeftOut) -> dict[str, Any]:
-    """Standard errors by the larger of two estimates: the corners' scatter, and the jackknife over poses."""
+    """Return standard errors from the larger of two variances: by the corners' scatter, and by the jackknife over poses."""
     variances = np.maximum(np.diag(scatter), np.diag(without.covariance))
     out: dict[str, Any] = {}
     for name, first in (("flange_from_camera", 0), ("base_from_table", 6)):
@@ -279,7 +283,7 @@ def _doubts(
     errors: Mapping[str, Any],
     settings: RegistrationSettings,
 ) -> list[str]:
-    """Why the result is degraded."""
+    """Return the reasons why the result is degraded; empty if it is not."""
     reasons = []
     contradicting = sum(why.startswith("contradicts") for why in left_out.values())
     if contradicting:

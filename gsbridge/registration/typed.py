@@ -1,4 +1,4 @@
-"""Poses typed by hand: a position with a quaternion, with roll, pitch and yaw, or with none of them."""
+"""Poses typed by hand: a position with a quaternion, with roll, pitch and yaw, or with no rotation."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ _FARTHEST_M = 5.0
 
 
 def typed_pose(content: Mapping[str, Any], source: str) -> Array:
-    """A pose as typed in the configuration. [4, 4].
+    """Read a pose as it was typed in the configuration. [4, 4].
 
     Args:
-        content: `position` in metres, and `quaternion` (wxyz) or `rpy_deg` (fixed axes as in URDF); neither means no turn.
-        source: Where it was typed, for the message.
+        content: `position` in metres, and `quaternion` (wxyz) or `rpy_deg` (fixed axes as in URDF); without either of them, the
+            pose has no rotation.
+        source: Where the pose was typed, for the error message.
 
     Raises:
-        InputError: A key is missing or unknown, a value is no finite number, or a position looks like millimetres.
+        InputError: A key is missing or unknown, a value is not a finite number, or a position looks like millimetres.
     """
     unknown = set(content) - {"position", "quaternion", "rpy_deg"}
     if unknown or "position" not in content or {"quaternion", "rpy_deg"} <= set(content):
@@ -43,7 +44,7 @@ def typed_pose(content: Mapping[str, Any], source: str) -> Array:
 
 
 def _numbers(values: Any, count: int, source: str) -> Array:
-    """Finite numbers. [count]."""
+    """Return `values` as `count` finite numbers, or raise an `InputError`."""
     try:
         out = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
