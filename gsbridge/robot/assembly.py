@@ -1,8 +1,8 @@
 """One description of the whole robot: KUKA LBR iiwa, gripper, wrist camera and tool frame, with its meshes beside it.
 
 The arm's tree, masses and meshes are those of the iiwa that PyBullet's data package ships (BSD licence; its notice is kept in
-the file). Three things are set on purpose. Joint limits are the data sheet's. Damping is zero, because the simulation model
-owns it. The base gets its 5 kg back, because other engines refuse a body without mass; the world fixes it.
+the file). Three things are changed on purpose. Joint limits are those of the data sheet. Damping is zero, because the model of
+the simulation sets it. The base has a mass of 5 kg, because other engines refuse a body without mass; the world fixes the base.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from gsbridge.robot.nominal import flange_from_camera as nominal_camera
 
 URDF, RECORD = "robot.urdf", "robot.json"
 LARGEST_REACH = 10.0
-"""Distance beyond which figures of a pose must be in millimetres, m."""
+"""Largest coordinate of a pose, m; a larger one is taken for a value in millimetres."""
 
 ARM_LINKS = tuple(f"lbr_iiwa_link_{index}" for index in range(8))
 ARM_JOINTS = tuple(f"lbr_iiwa_joint_{index}" for index in range(1, 8))
 
 FLANGE_HEIGHT = 0.045
-"""Media flange over the last arm link's frame, m: where that link's mesh ends."""
+"""Height of the media flange over the last arm link's frame, m: the height at which that link's mesh ends."""
 
 ARM_VELOCITY_DEG = (85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0)
 """Joint speed limits, deg/s. Source: KUKA LBR iiwa 14 R820 specification, axis data."""
@@ -80,12 +80,12 @@ class RobotFiles:
 
     @property
     def urdf(self) -> Path:
-        """The description for physics engines."""
+        """Path of the description for physics engines."""
         return self.folder / URDF
 
     @property
     def dimensions(self) -> GripperDimensions:
-        """Measures of the gripper it was built with."""
+        """Dimensions of the gripper that the robot was built with."""
         values = dict(self.record["gripper"]["dimensions"])
         return GripperDimensions(**{**values, "pad_size": tuple(values["pad_size"])})
 
@@ -100,7 +100,7 @@ class RobotFiles:
         return np.array(self.record["flange_from_tool"])
 
     def visuals(self) -> dict[str, list[tuple[Mesh, Colour]]]:
-        """Drawn meshes of every link, link frame, m, with their sRGB colour; links without any are left out."""
+        """Read the drawn meshes of every link, link frame, m, with their sRGB colours; links without meshes are left out."""
         return {
             link: [(read_mesh(self.folder / item["mesh"]), tuple(item["colour"])) for item in items]
             for link, items in self.record["visuals"].items()
@@ -108,7 +108,7 @@ class RobotFiles:
 
     @classmethod
     def read(cls, folder: str | Path) -> RobotFiles:
-        """Read what `build_robot` wrote.
+        """Read the files that `build_robot` wrote.
 
         Raises:
             InputError: The folder holds no complete robot.
@@ -127,8 +127,8 @@ def build_robot(
     """Write the robot's description: `robot.urdf`, `robot.json` and OBJ meshes. The same input gives the same bytes.
 
     Args:
-        folder: Folder to (re)place whole.
-        dimensions: The gripper; None for the Robotiq 2F-140.
+        folder: Folder to create; an existing one is replaced as a whole.
+        dimensions: Dimensions of the gripper; None for the Robotiq 2F-140.
         flange_from_camera: Pose of the wrist camera, OpenCV axes, m; None for the nominal one. [4, 4].
 
     Returns:
@@ -163,7 +163,7 @@ def build_robot(
         for link in links:
             robot.append(_link_element(link, temporary, visuals))
         robot.extend(joint_element(joint) for joint in joints)
-        # Other engines: keep frames without mass, keep what is drawn, read meshes by the paths given here.
+        # Settings for MuJoCo: keep links without mass, keep drawn shapes, and read meshes by the paths given here.
         extension = ElementTree.SubElement(robot, "mujoco")
         ElementTree.SubElement(extension, "compiler", fusestatic="false", discardvisual="false", strippath="false")
         ElementTree.indent(robot)
@@ -174,10 +174,10 @@ def build_robot(
 
 
 def check_rigid(matrix: Array, source: str) -> Array:
-    """A rigid transform given by a user. [4, 4].
+    """Check that a matrix given by a user is a rigid transform, and return it as float64. [4, 4].
 
     Raises:
-        InputError: Wrong shape, not finite, or the upper left block is no rotation.
+        InputError: The shape is wrong, a value is not finite, or the upper left block is not a rotation.
     """
     out = np.array(matrix, dtype=np.float64)
     rigid = out.shape == (4, 4) and np.isfinite(out).all() and np.allclose(out[3], [0, 0, 0, 1], atol=1e-9)
@@ -187,10 +187,12 @@ def check_rigid(matrix: Array, source: str) -> Array:
 
 
 def check_reach(poses: Array, source: str | Path) -> Array:
-    """Rigid transforms of a table-top arm, whose parts are no farther than `LARGEST_REACH` from each other. [..., 4, 4].
+    """Check that no coordinate of rigid transforms exceeds `LARGEST_REACH`, and return them. [..., 4, 4].
+
+    The parts of a table-top arm are never that far apart.
 
     Raises:
-        InputError: One is: it was given in millimetres.
+        InputError: A coordinate is larger, so the pose was probably given in millimetres.
     """
     farthest = float(np.abs(poses[..., :3, 3]).max(initial=0.0))
     if farthest > LARGEST_REACH:
@@ -199,19 +201,19 @@ def check_reach(poses: Array, source: str | Path) -> Array:
 
 
 def write_obj(path: Path, mesh: Mesh) -> None:
-    """Write vertices and triangles only, to a micrometre; unlike a general exporter it never changes its bytes."""
+    """Write vertices, rounded to a micrometre, and triangles; a general exporter may write other bytes in another version."""
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices + 0.0]
     lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
     path.write_text("\n".join(lines).replace("-0.000000", "0.000000") + "\n", encoding="utf-8")
 
 
 def _named(robot: ElementTree.Element, tag: str, name: str) -> ElementTree.Element:
-    """Child element of this name."""
+    """Return the child element with this tag and name, or raise as `_part` does."""
     return _part(robot, f"{tag}[@name='{name}']")
 
 
 def _part(element: ElementTree.Element, path: str) -> ElementTree.Element:
-    """What lies below an element of PyBullet's arm, or of ours."""
+    """Return the element at `path` below an element of the description; raise an `InputError` if it is missing."""
     found = element.find(path)
     if found is None:
         raise InputError("pybullet_data", f"its iiwa has no {path}", "Install the pinned version of pybullet")
@@ -219,11 +221,11 @@ def _part(element: ElementTree.Element, path: str) -> ElementTree.Element:
 
 
 def _arm_link(element: ElementTree.Element, source: Path, index: int, folder: Path) -> list[dict[str, Any]]:
-    """Give one arm link our meshes (visual and hull) and colour; returns its visuals for the record."""
+    """Replace the shapes of one arm link by gsbridge's mesh, hull and colour, and return its visuals for the record."""
     if index == 0:
         _part(element, "inertial/mass").set("value", numbers([BASE_MASS]))
     loaded = read_mesh(source).trimesh()
-    # The source repeats vertices for each smoothing group; positions are all that is needed here.
+    # The source repeats vertices for each smoothing group; merge them, as only positions are needed here.
     loaded.merge_vertices(merge_tex=True, merge_norm=True)
     mesh = Mesh(np.asarray(loaded.vertices), np.asarray(loaded.faces))
     names = f"arm_{index}.obj", f"arm_{index}_hull.obj"
@@ -237,7 +239,7 @@ def _arm_link(element: ElementTree.Element, source: Path, index: int, folder: Pa
 
 
 def _hand(d: GripperDimensions, flange_from_camera: Array) -> tuple[list[Link], list[Joint]]:
-    """Everything behind the arm's last link."""
+    """Return the links and joints beyond the arm's last link: flange, gripper, camera and tool."""
     links, joints = gripper_links(d, "flange", flange_from_gripper())
     width, height, depth = CAMERA_SIZE
     # The optical centre lies just in front of the body, so that the camera never sees its own housing.
@@ -269,7 +271,7 @@ def _link_element(link: Link, folder: Path, visuals: dict[str, list[dict[str, An
 
 
 def _visual(mesh: str, material: str, colour: Colour) -> ElementTree.Element:
-    """`visual` of a mesh in the link frame."""
+    """Return the element `visual` of a mesh in the link frame."""
     out = ElementTree.Element("visual")
     out.append(origin_element(np.eye(4)))
     geometry = ElementTree.SubElement(out, "geometry")
@@ -279,7 +281,7 @@ def _visual(mesh: str, material: str, colour: Colour) -> ElementTree.Element:
 
 
 def _collision(mesh: str, extents: tuple[float, float, float] | None, centre: Array | None) -> ElementTree.Element:
-    """`collision` of a box, or of a convex mesh in the link frame."""
+    """Return the element `collision` of a box (extents and centre, m) or, without extents, of a convex mesh; link frame."""
     out = ElementTree.Element("collision")
     out.append(origin_element(np.eye(4) if extents is None or centre is None else translation(*centre)))
     geometry = ElementTree.SubElement(out, "geometry")
@@ -293,7 +295,7 @@ def _collision(mesh: str, extents: tuple[float, float, float] | None, centre: Ar
 def _record(
     robot: ElementTree.Element, d: GripperDimensions, flange_from_camera: Array, visuals: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Names and figures that other modules look up instead of guessing them from the URDF."""
+    """Return names and numbers that other modules look up here instead of guessing them from the URDF."""
     moving = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
     coupled = {
         joint.get("name"): 1.0 if joint.find("mimic") is None else float(_part(joint, "mimic").attrib["multiplier"])

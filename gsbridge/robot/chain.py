@@ -1,4 +1,4 @@
-"""Kernels of kinematics: poses of all links, the tool's Jacobian and damped least squares, compiled for the control loop.
+"""Compiled kernels of the kinematics for the control loop: poses of all links, the tool's Jacobian, damped least squares.
 
 A robot is a list of nodes with parents first. Node `k` hangs below `parents[k]` (-1: the base) by the transform `fixed[k]` and
 turns by `values[k]` about `axes[k]` (a zero axis for a fixed joint).
@@ -14,22 +14,22 @@ from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 
 _LENGTH = 0.3
-"""Metres that weigh as much as one radian: about the lever of the wrist, so that both errors shrink together."""
+"""Length, m, that weighs as much as one radian: about the lever arm of the wrist, so that both errors shrink together."""
 
 _MAX_STEP = 0.25
-"""Largest joint step of one iteration, rad: beyond it the linear model is worth nothing."""
+"""Largest joint step of one iteration, rad: the linear model is useless beyond it."""
 
 _POSTURE_GAIN = 0.5
-"""Share of the way to the rest posture taken per iteration, in the directions that leave the tool where it is."""
+"""Share of the distance to the rest posture covered per iteration, in the directions that do not move the tool."""
 
 
 @njit(nogil=True)
 def place_links(parents: Array, fixed: Array, axes: Array, values: Array, out: Array) -> None:
-    """Poses of all nodes in the base frame.
+    """Compute the poses of all nodes in the base frame.
 
     Args:
-        parents: Number of the node that carries each, -1 for the base. [K] int.
-        fixed: Transform from each node to its parent where its joint is at zero. [K, 4, 4].
+        parents: Index of each node's parent node, -1 for the base. [K] int.
+        fixed: parent_from_node of each node with its joint at zero. [K, 4, 4].
         axes: Unit axis of each joint in its node's frame, zero for a fixed joint. [K, 3].
         values: Angle of each joint, rad. [K].
         out: Result, base_from_node. [K, 4, 4].
@@ -42,7 +42,7 @@ def place_links(parents: Array, fixed: Array, axes: Array, values: Array, out: A
             out[k, 3, i] = 0.0
         out[k, 3, 3] = 1.0
         if x != 0.0 or y != 0.0 or z != 0.0:
-            # Rodrigues' rotation, its columns one by one.
+            # Multiply by Rodrigues' rotation matrix, column by column.
             sine, cosine = math.sin(values[k]), math.cos(values[k])
             rest = 1.0 - cosine
             for i in range(3):
@@ -61,11 +61,11 @@ def place_links(parents: Array, fixed: Array, axes: Array, values: Array, out: A
 
 @njit(nogil=True)
 def offset(target: Array, current: Array, out: Array) -> float:
-    """Vector from the current position to the target's.
+    """Compute the vector from the current position to the target position.
 
     Args:
         target, current: Poses in one frame, m. [4, 4] each.
-        out: Result in its first three elements, m. [3] or longer.
+        out: The first three elements receive the result, m. [3] or longer.
 
     Returns:
         Length of the vector, m.
@@ -79,7 +79,7 @@ def offset(target: Array, current: Array, out: Array) -> float:
 
 @njit(nogil=True)
 def rotation_error(target: Array, current: Array, out: Array) -> float:
-    """Rotation vector, in the base frame, that turns `current` into `target`.
+    """Compute the rotation vector, in the base frame, that turns `current` into `target`.
 
     Args:
         target, current: Poses in the base frame; only their rotations count. [4, 4] each.
@@ -101,7 +101,7 @@ def rotation_error(target: Array, current: Array, out: Array) -> float:
     elif angle < 1.0:
         scale = 0.5
     else:
-        # Half a turn: the axis is the largest column of delta + 1; either sense does.
+        # Half a turn: the axis is the largest column of delta + identity; either direction of turning is right.
         axis = 0
         for k in range(1, 3):
             if delta[k, k] > delta[axis, axis]:
@@ -143,10 +143,10 @@ def cholesky_solve(matrix: Array, right: Array) -> None:
 
 @njit(nogil=True)
 def place_tool_down(base_from_frame: Array, x: float, y: float, z: float, yaw: float, out: Array) -> None:
-    """Pose of a tool that points straight down: `base_from_frame @ gsbridge.robot.reach.tool_down((x, y, z), yaw)`.
+    """Compute the pose of a tool that points down: `base_from_frame @ gsbridge.robot.reach.tool_down((x, y, z), yaw)`.
 
     Args:
-        base_from_frame: Frame that the target is given in. [4, 4].
+        base_from_frame: Pose of the frame in which the target is given. [4, 4].
         x, y, z: Position of the tool in that frame, m.
         yaw: Turn about the frame's z, rad.
         out: Result, base_from_tool. [4, 4].
@@ -160,13 +160,13 @@ def place_tool_down(base_from_frame: Array, x: float, y: float, z: float, yaw: f
 
 @njit(nogil=True)
 def tool_jacobian(axes: Array, nodes: Array, poses: Array, tool: int, out: Array) -> None:
-    """Geometric Jacobian of one node in the base frame.
+    """Compute the geometric Jacobian of one node in the base frame.
 
     Args:
         axes: Unit axis of each joint in its node's frame. [K, 3].
-        nodes: Numbers of the N joints on the way from the base to the tool. [N] int.
+        nodes: Node indices of the N joints on the path from the base to the tool. [N] int.
         poses: base_from_node of all nodes, from `place_links`. [K, 4, 4].
-        tool: Number of the node that the Jacobian belongs to.
+        tool: Index of the node whose Jacobian is computed.
         out: Result: three rows in m per rad, then three in rad per rad. [6, N].
     """
     for column in range(len(nodes)):
@@ -183,15 +183,15 @@ def tool_jacobian(axes: Array, nodes: Array, poses: Array, tool: int, out: Array
 
 @njit(nogil=True)
 def damped_step(jacobian: Array, error: Array, pull: Array, free: Array, damping: float, step: Array) -> None:
-    """Take one joint step: towards the target by damped least squares, and along `pull` where that leaves the tool in place.
+    """Compute one joint step: damped least squares towards the target, plus the part of `pull` that does not move the tool.
 
     Args:
-        jacobian: Weighted Jacobian. [6, N].
-        error: Weighted pose error. [6].
-        pull: Wanted joint motion that must not move the tool. [N].
+        jacobian: Jacobian with its angular rows weighted, m per rad. [6, N].
+        error: Pose error with its angular part weighted alike, m. [6].
+        pull: Joint motion towards the rest posture, rad; only its part in the null space of the Jacobian is used. [N].
         free: Joints that may move. [N] bool.
-        damping: Added to the diagonal of J J^T.
-        step: Result. [N].
+        damping: Value added to the diagonal of J J^T, m2.
+        step: Result, rad. [N].
     """
     count = jacobian.shape[1]
     normal, right = np.zeros((6, 6)), np.zeros((6, 2))
@@ -228,23 +228,23 @@ def solve_inverse(
     iterations: int,
     q: Array,
 ) -> tuple[float, float, int]:
-    """Damped least squares within joint limits; `q` [N] is the start, cut to the limits, and becomes the solution.
+    """Solve inverse kinematics by damped least squares within joint limits.
 
     Args:
         parents, fixed, axes: The chain of nodes, as in `place_links`. [K], [K, 4, 4], [K, 3].
-        nodes: Numbers of the N joints that may move. [N] int.
-        tool: Number of the node that shall reach the target.
+        nodes: Node indices of the N joints that may move. [N] int.
+        tool: Index of the node that shall reach the target.
         target: Wanted pose of the tool, base frame. [4, 4].
         rest: Posture that is preferred where the target leaves a choice, rad. [N].
         pull_weights: How strongly each joint is drawn to the rest posture. [N].
         lower, upper: Limits of the joints, rad. [N] each.
-        tolerance: Largest error of a solution, m.
-        iterations: Most iterations.
-        q: Start, and result, rad. [N].
+        tolerance: Error below which a solution counts as reached, m (and rad times 0.3 m).
+        iterations: Largest number of iterations.
+        q: Start, which is cut to the limits; it is overwritten by the solution, rad. [N].
 
     Returns:
-        Position error m, angle error rad, iterations done. It ends when both errors lie below `tolerance` (m, and rad times
-        0.3 m) and the posture no longer moves, so that the answer hardly depends on the start.
+        Position error m, angle error rad, number of iterations. The iteration ends when both errors lie within `tolerance` and
+        the posture no longer moves, so that the answer hardly depends on the start.
     """
     count = len(q)
     values, poses = np.zeros(len(parents)), np.empty((len(parents), 4, 4))
@@ -277,7 +277,8 @@ def solve_inverse(
             pull[k] = _POSTURE_GAIN * pull_weights[k] * (rest[k] - q[k])
             for i in range(3, 6):
                 jacobian[i, k] *= _LENGTH
-        # Damping in proportion to the error (Sugihara): quick near the target, calm where the target cannot be reached.
+        # Damping in proportion to the squared error (Sugihara): fast convergence near the target, and small steps where the
+        # target cannot be reached.
         damping = 0.05 * total + 1e-10
         for _ in range(count):
             damped_step(jacobian, error, pull, free, damping, step)

@@ -1,4 +1,4 @@
-"""Dry friction of joints as impulses that would bring them to rest, as far as their bounds allow."""
+"""Dry friction of joints: impulses that bring the joints to rest, as far as the bounds of the friction allow."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 
 SWEEPS = 30
-"""Sweeps of the solver over all joints; couplings between joints die out within a few."""
+"""Largest number of sweeps of the solver over all joints; the coupling between joints converges within a few."""
 
 
 @njit(nogil=True)
 def rub(v: Array, inverse: Array, grip: Array, skew: Array, step: float, impulse: Array) -> None:
-    """Take speed off joints that rub, one after the other until nothing changes.
+    """Slow down joints with dry friction, one after the other, until nothing changes (projected Gauss-Seidel).
 
     Args:
-        v: Speeds at the end of the step without what changes here, rad/s; updated. [N].
-        inverse: Inverse of the joint-space inertia; rows of joints that do not rub are not read. [N, N].
+        v: Speeds at the end of the step, with `impulse` applied, rad/s; updated. [N].
+        inverse: Inverse of the joint-space inertia; diagonal entries of joints without friction are not read. [N, N].
         grip: Largest dry friction, N m. [N].
-        skew: More of it forwards, less backwards, N m. [N].
-        step: Step of time, s.
-        impulse: Impulses that act on `v` already, N m s; updated. [N].
+        skew: Dry friction added to `grip` against forward motion and taken off it against backward motion, N m. [N].
+        step: Time step, s.
+        impulse: Friction impulses that are already included in `v`, N m s; updated. [N].
     """
     count = len(v)
     for _ in range(SWEEPS if count > 1 else 1):

@@ -1,7 +1,7 @@
-"""The robot's description for an engine that moves it: links that a fixed joint holds are part of the link that they hang on.
+"""The robot's description for a physics engine: a link on a fixed joint is merged into the link that carries it.
 
-An engine goes through all links for every contact force and every step, whether they can move or not. Of the robot's 15, four
-cannot: the flange, the palm, the camera and the tool's frame.
+An engine goes through all links for every contact force and every step, whether they can move or not. Of the robot's 15 links,
+four cannot move: the flange, the palm, the camera and the tool's frame.
 """
 
 from __future__ import annotations
@@ -22,14 +22,15 @@ Load = Callable[[Inertia], Inertia]
 
 
 def fused_description(urdf: str | Path, loads: Mapping[str, Sequence[Load]] | None = None) -> str:
-    """A description with moving joints only: the same masses and shapes of contact in fewer links, and nothing to be drawn.
+    """Return a description with moving joints only: the same masses and collision shapes in fewer links, and no visuals.
 
     Args:
         urdf: The robot's description. Every link has mass properties.
-        loads: Changes of the mass properties of the link that each joint moves, by joint; links fixed to it do not count.
+        loads: By joint name, changes of the mass properties of the joint's child link. They apply to the child link alone,
+            before the links that are fixed to it are merged into it.
 
     Returns:
-        The new description. Its meshes are named by absolute paths, so that it may lie anywhere.
+        The new description. It names its meshes by absolute paths, so that it can be stored in any folder.
 
     Raises:
         InputError: The file cannot be used, or a link has no mass properties.
@@ -41,7 +42,7 @@ def fused_description(urdf: str | Path, loads: Mapping[str, Sequence[Load]] | No
     robot = description.root
     links = dict(zip(description.links, robot.findall("link"), strict=True))
     elements = dict(zip(description.origins, robot.findall("joint"), strict=True))
-    # Of every link: the one that it becomes part of, and its pose there.
+    # For every link: the link that it is merged into, and its pose in that link's frame.
     homes: dict[str, tuple[str, Array]] = {name: (name, np.eye(4)) for name in description.links}
     bodies = {name: [inertial.seen_from(np.eye(4))] for name, inertial in description.inertials.items()}
     for joint in description.joints:
@@ -74,7 +75,7 @@ def fused_description(urdf: str | Path, loads: Mapping[str, Sequence[Load]] | No
 
 
 def _place(element: ElementTree.Element, transform: Array) -> None:
-    """Give an element another `origin`. [4, 4]."""
+    """Replace the `origin` of an element by a transform. [4, 4]."""
     old = element.find("origin")
     if old is not None:
         element.remove(old)

@@ -1,4 +1,4 @@
-"""A two-finger gripper with the public dimensions of the Robotiq 2F-140, built from boxes and prisms of our own.
+"""A two-finger gripper with the public dimensions of the Robotiq 2F-140, built from gsbridge's own boxes and prisms.
 
 Gripper frame: origin on the mounting face, z out of the face towards the fingertips, the fingers open along y, left is +y.
 
@@ -8,8 +8,8 @@ the real gripper. One coordinate drives all four joints; `a = 0` is a bar along 
 is not modelled, nor is the way in which the real fingers wrap around an object that touches them near the knuckles.
 
 Source: stroke, force, speed, mass, overall length and width from the Robotiq 2F-85/2F-140 instruction manual, section
-"Specifications"; bar length and pivots follow from the pad distances over the stroke. With them the length when closed
-(233 mm) and the width when open (202 mm) come out as the manual states them.
+"Specifications"; bar length and pivots follow from the pad distances over the stroke. They reproduce the manual's length when
+closed (233 mm) and width when open (202 mm).
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ PADS = ("left_pad", "right_pad")
 
 @dataclass(frozen=True)
 class GripperDimensions:
-    """Dimensions and ratings; lengths m.
+    """Dimensions and ratings of a gripper; lengths in m.
 
     Args:
-        stroke: Distance of the pads when open; closed, they touch.
+        stroke: Distance between the pads when open; they touch when closed.
         min_force: Smallest gripping force that can be set, N.
         max_force: Largest gripping force that can be set, N.
         min_speed: Smallest speed at which the pads approach each other, m/s.
-        max_speed: Largest such speed, m/s.
+        max_speed: Largest speed at which the pads approach each other, m/s.
         mass: Mass of the whole gripper without camera, kg.
         coupling: Thickness of the plate between the robot's flange and the gripper.
         knuckle_y: Distance of the knuckles from the middle plane.
@@ -79,7 +79,7 @@ class GripperDimensions:
                 f"a bar of {1000 * self.bar:.0f} mm cannot open the pads by {1000 * self.stroke:.0f} mm",
                 "Use a longer bar or a shorter stroke",
             )
-        # Behind the pad there must be room for the fingertip's body.
+        # The fingertip's body needs room behind the pad.
         if self.pad_inset - self.pad_size[0] < 0.010:
             raise InputError("gripper", "the pad is as thick as the fingertip", "Use a thinner pad or a larger inset")
 
@@ -100,38 +100,39 @@ class GripperDimensions:
 
     @property
     def gripper_from_tool(self) -> Array:
-        """Tool frame: the gripper's axes, origin between the pads' centres when closed. [4, 4].
+        """Pose of the tool frame: axes of the gripper frame, origin between the pads' centres when closed. [4, 4].
 
-        Closed is where the pads reach farthest, so a tool higher than half a pad above the table touches it at no opening.
+        The pads reach farthest along z when closed. A tool point more than half a pad's length above the table therefore keeps
+        the fingertips clear of the table at every opening.
         """
         return translation(0.0, 0.0, self.coupling + float(self.pad_height(self.closed_angle)))
 
     def aperture(self, angle: Array | float) -> Array:
-        """Distance of the pads, m, from the driver angle, rad. [...]."""
+        """Return the distance between the pads, m, for a driver angle, rad. [...]."""
         return 2.0 * (self._rest_half_gap + self.bar * np.sin(angle))
 
     def angle(self, aperture: Array | float) -> Array:
-        """Driver angle, rad, from the distance of the pads, m (cut to 0..stroke). [...]."""
+        """Return the driver angle, rad, for a distance between the pads, m (cut to 0..stroke). [...]."""
         gap = np.clip(aperture, 0.0, self.stroke)
         return np.arcsin((0.5 * gap - self._rest_half_gap) / self.bar)
 
     def aperture_rate(self, angle: Array | float) -> Array:
-        """Change of the pad distance per driver angle, m/rad; it also turns a force into the driver's torque. [...]."""
+        """Return the change of the pad distance per driver angle, m/rad; it also converts pad force to driver torque. [...]."""
         return 2.0 * self.bar * np.cos(angle)
 
     def torque(self, force: Array | float, angle: Array | float) -> Array:
-        """Closing torque on the driver, N m, for which each pad presses with `force`, N, by virtual work. [...].
+        """Return the torque on the driver, N m, at which each pad presses with `force`, N, by virtual work. [...].
 
-        It holds for the coupled linkage; shared between the two knuckles, each takes half.
+        Closing torques are negative. The value is for the whole coupled linkage; if two knuckles share it, each takes half.
         """
         return -np.asarray(force) * self.aperture_rate(angle)
 
     def pad_height(self, angle: Array | float) -> Array:
-        """Height of the pads' centres over the gripper's lower face (above the coupling), m. [...]."""
+        """Return the height of the pads' centres over the gripper's lower face (above the coupling), m. [...]."""
         return self.knuckle_z + self.bar * np.cos(angle) + self.pad_z
 
     def retreat(self, aperture: Array | float) -> Array:
-        """How far the pads' centres lie behind the tool point at this opening, m >= 0. [...]."""
+        """Return how far the pads' centres lie behind the tool point at this opening, m >= 0. [...]."""
         highest = self.pad_height(self.closed_angle)
         return highest - self.pad_height(self.angle(aperture))
 
@@ -154,16 +155,16 @@ class GripperDimensions:
 
 
 def gripper_links(dimensions: GripperDimensions, parent: str, parent_from_gripper: Array) -> tuple[list[Link], list[Joint]]:
-    """The gripper as links and joints.
+    """Build the links and joints of the gripper.
 
     Args:
         dimensions: Dimensions of the gripper.
-        parent: Link that carries it: the robot's flange.
-        parent_from_gripper: How it is mounted there. [4, 4].
+        parent: Link that carries the gripper: the robot's flange.
+        parent_from_gripper: Pose of the gripper on that link, m. [4, 4].
 
     Returns:
-        Links `palm`, `left_bar`, `left_pad`, `right_bar`, `right_pad` and the joints that hang them below `parent`. Every joint
-        but `left_knuckle_joint` follows that one. Mass is spread evenly over the volume.
+        Links `palm`, `left_bar`, `left_pad`, `right_bar`, `right_pad` and the joints that connect them to `parent`. All moving
+        joints follow `left_knuckle_joint`. The density is the same everywhere.
     """
     d = dimensions
     palm = _palm(d)
@@ -197,7 +198,7 @@ def gripper_links(dimensions: GripperDimensions, parent: str, parent_from_grippe
 
 
 def _palm(d: GripperDimensions) -> tuple[LinkPart, ...]:
-    """Coupling plate and body, tapered towards the knuckles so that the wrist camera looks past it."""
+    """Build the coupling plate and the body, which tapers towards the knuckles so that the wrist camera looks past it."""
     low, high = d.coupling, d.coupling + d.knuckle_z + 0.008
     wide, deep = d.knuckle_y + 0.012, 0.0375
     middle = low + 0.5 * (high - low)
@@ -210,7 +211,7 @@ def _palm(d: GripperDimensions) -> tuple[LinkPart, ...]:
 
 
 def _bar(d: GripperDimensions) -> tuple[LinkPart, ...]:
-    """A bar from the knuckle (origin) to the upper pivot, with rounded ends, 20 mm wide and 8 mm thick."""
+    """Build a bar from the knuckle (origin) to the upper pivot, with rounded ends, 20 mm wide and 8 mm thick."""
     half = np.linspace(0.0, np.pi, 9)
     radius = 0.004
     low = np.stack([radius * np.cos(half), -radius * np.sin(half)], axis=1)
@@ -221,7 +222,7 @@ def _bar(d: GripperDimensions) -> tuple[LinkPart, ...]:
 
 
 def _tip(d: GripperDimensions, inward: float) -> tuple[LinkPart, ...]:
-    """Fingertip with its pad; `inward` is the sign of y towards the other finger. Origin: the upper pivot."""
+    """Build a fingertip with its pad; `inward` is the sign of y towards the other finger. Origin: the upper pivot."""
     thickness, width, length = d.pad_size
     back = d.pad_inset - thickness
     low, high = d.pad_z - length / 2, d.pad_z + length / 2

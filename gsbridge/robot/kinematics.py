@@ -31,10 +31,10 @@ class Inverse:
 
     Args:
         q: Arm joints, within their limits, rad. [N].
-        position_error_m: Distance of the tool from the wanted point.
-        angle_error_rad: Angle between the tool's and the wanted axes.
-        converged: Both errors are small enough for the pose to count as reached.
-        iterations: Steps taken.
+        position_error_m: Distance of the tool from the wanted point, m.
+        angle_error_rad: Angle between the tool's and the wanted axes, rad.
+        converged: Whether both errors are small enough for the pose to count as reached.
+        iterations: Number of steps taken.
     """
 
     q: Array
@@ -46,12 +46,12 @@ class Inverse:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """A robot's tree, ready for computing. Its coordinates `q` are the independent joints; coupled ones follow.
+    """Forward and inverse kinematics of one robot. The coordinates `q` are its independent joints; coupled joints follow them.
 
     Args:
         tree: Links and joints.
-        rest: Posture the arm prefers among those with the same tool pose, rad. [N].
-        tip: Link that inverse kinematics places.
+        rest: Posture that the arm prefers among those with the same tool pose, rad. [N].
+        tip: Link that inverse kinematics brings to the wanted pose.
     """
 
     tree: Tree
@@ -65,7 +65,7 @@ class Kinematics:
         Args:
             urdf: File of the description.
             rest: Posture that is preferred where the tool's pose leaves a choice, rad. [N].
-            tip: Name of the link whose pose is the tool's.
+            tip: Name of the link that inverse kinematics brings to the wanted pose.
 
         Raises:
             InputError: The file cannot be used, has no link `tip`, or the rest posture does not fit its arm.
@@ -96,7 +96,7 @@ class Kinematics:
         names = [joint.name for joint in self.tree.independent]
         arrays = {
             "_index": index,
-            # Node 0 is the base; node k + 1 the child of joint k.
+            # Node 0 is the base; node k + 1 is the child link of joint k.
             "_parents": np.array([-1, *(index[joint.parent] for joint in joints)], dtype=np.int64),
             "_fixed": np.stack([np.eye(4), *(joint.parent_from_child for joint in joints)]),
             "_axes": np.array([(0.0, 0.0, 0.0), *(j.axis if j.kind == "revolute" else (0.0, 0.0, 0.0) for j in joints)]),
@@ -106,7 +106,7 @@ class Kinematics:
         for key, value in arrays.items():
             object.__setattr__(self, key, value)
         nodes = np.array(self._path(self.tip), dtype=np.int64)
-        # The last joint only turns the hand: pulling it would trade the hand's yaw against the elbow.
+        # The last joint only turns the hand. If it were drawn to rest, too, the elbow would swing aside to keep the hand's yaw.
         pull = np.arange(len(nodes)) < len(nodes) - 1
         for key, value in (
             ("_arm_nodes", nodes),
@@ -116,7 +116,7 @@ class Kinematics:
             object.__setattr__(self, key, value)
 
     def _path(self, link: str) -> list[int]:
-        """Nodes of the moving joints from the base to a link."""
+        """Return the nodes of the moving joints on the path from the base to a link."""
         node, path = self._node(link), []
         while node > 0:
             if self._source[node] >= 0:
@@ -125,7 +125,7 @@ class Kinematics:
         return path[::-1]
 
     def _node(self, link: str) -> int:
-        """Index of a link."""
+        """Return the node index of a link, or raise an `InputError` if there is no such link."""
         if link not in self._index:
             raise InputError(f"link '{link}'", "the robot has no such link", f"Use one of: {', '.join(self.tree.links)}")
         return self._index[link]
@@ -146,7 +146,7 @@ class Kinematics:
         return self._arm_limits
 
     def joint_values(self, q: Array) -> dict[str, Array]:
-        """Value of every moving joint, coupled ones included, by name. q [..., Q] -> each [...]."""
+        """Return the value of every moving joint, rad, coupled ones included, by name. q [..., Q] -> each [...]."""
         q = self._checked(q)
         return {
             joint.name: self._factor[k + 1] * q[..., self._source[k + 1]]
@@ -155,7 +155,7 @@ class Kinematics:
         }
 
     def _checked(self, q: Array) -> Array:
-        """All coordinates as float64; the arm's alone are completed by zeros (fingers parallel to the tool's axis)."""
+        """Return all coordinates as float64; if only the arm's are given, the gripper gets 0 (bars along the tool's axis)."""
         out = np.asarray(q, dtype=np.float64)
         count, arm = len(self.joints), len(self._arm_nodes)
         if out.ndim == 0 or out.shape[-1] not in (count, arm):
@@ -165,10 +165,10 @@ class Kinematics:
         return out
 
     def poses(self, q: Array) -> Array:
-        """Poses of all links in the order of `tree.links`, `base_from_link`. q [..., Q] -> [..., L, 4, 4]."""
+        """Return `base_from_link` of all links in the order of `tree.links`. q [..., Q] -> [..., L, 4, 4]."""
         q = self._checked(q)
         values = np.where(self._source >= 0, q[..., self._source] * self._factor, 0.0)
-        # Indexing may leave another memory order, for which numba would compile its kernels a second time.
+        # Indexing may change the memory order, and numba would compile its kernels a second time for another order.
         flat = np.ascontiguousarray(values.reshape(-1, values.shape[-1]))
         out = np.empty((*flat.shape, 4, 4))
         for row, place in zip(flat, out, strict=True):
@@ -176,11 +176,11 @@ class Kinematics:
         return out.reshape(*values.shape, 4, 4)
 
     def fk(self, q: Array, links: Sequence[str] | None = None) -> dict[str, Array]:
-        """Forward kinematics.
+        """Compute the poses of links by forward kinematics.
 
         Args:
             q: Coordinates in the order of `joints`, rad; or the arm's alone. [..., Q].
-            links: Links to place; None for all.
+            links: Links whose poses are wanted; None for all.
 
         Returns:
             `base_from_link` by link name. Each [..., 4, 4].
@@ -193,14 +193,14 @@ class Kinematics:
         return {link: poses[..., node, :, :] for link, node in nodes.items()}
 
     def jacobian(self, q: Array, link: str | None = None) -> Array:
-        """Geometric Jacobian of a link's origin.
+        """Compute the geometric Jacobian of a link's origin.
 
         Args:
-            q: Coordinates, or the arm's alone, rad or m. [Q].
+            q: Coordinates, or the arm's alone, rad. [Q].
             link: The link; None for the tip.
 
         Returns:
-            Velocity of the origin (m/s, three rows) and angular velocity (rad/s, three rows) in the base frame per speed of
+            Velocity of the origin (m/s, three rows) and angular velocity (rad/s, three rows) in the base frame per rad/s of
             each coordinate; a coupled joint counts for the coordinate it follows. [6, number of coordinates].
         """
         poses = self.poses(q)
@@ -215,10 +215,11 @@ class Kinematics:
     def inverse(
         self, base_from_tool: Array, start: Array | None = None, *, tolerance: float = TOLERANCE, iterations: int = ITERATIONS
     ) -> Inverse:
-        """Arm joints that bring the tip to a pose; where several do, those near the rest posture.
+        """Find arm joints that bring the tip to a pose; where several do, prefer those near the rest posture.
 
-        Damped least squares on the whole pose, with joints that rest on a limit left out of the step. The elbow's freedom goes
-        to the rest posture until it no longer moves: the answer is a function of the pose, not of the way there.
+        The method is damped least squares on the whole pose; a step leaves out joints that it would push beyond their limits.
+        The remaining freedom (the elbow) is drawn to the rest posture until it no longer moves, so that the answer depends on
+        the wanted pose and hardly on the start.
 
         Args:
             base_from_tool: Wanted pose of the tip, m. [4, 4].
@@ -227,7 +228,7 @@ class Kinematics:
             iterations: Largest number of steps.
 
         Returns:
-            The best joints found, whether or not the pose was reached.
+            The best joints found, whether they reach the pose or not.
 
         Raises:
             InputError: The wanted pose or the start is not finite.

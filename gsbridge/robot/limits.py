@@ -1,4 +1,4 @@
-"""Limits of joints and of the room the tool may use."""
+"""Limits of the joints and of the space in which the tool may move."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gsbridge.robot.urdf import read_urdf
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of several joints, all [N].
+    """Limits of several joints.
 
     Args:
         names: Joint names.
@@ -36,13 +36,13 @@ class JointLimits:
 
     @classmethod
     def of(cls, joints: Sequence[Joint]) -> JointLimits:
-        """Limits of these joints."""
+        """Collect the limits of these joints."""
         values = np.array([(j.lower, j.upper, j.velocity, j.effort) for j in joints], dtype=np.float64).reshape(-1, 4)
         return cls(tuple(joint.name for joint in joints), *(np.ascontiguousarray(column) for column in values.T))
 
     @classmethod
     def read(cls, urdf: str | Path, names: Sequence[str] | None = None) -> JointLimits:
-        """Limits from a description, for the named joints or all moving ones.
+        """Read limits from a description, for the named joints or all moving ones.
 
         Raises:
             InputError: The file cannot be used, a joint is missing, or a limit makes no sense.
@@ -58,22 +58,22 @@ class JointLimits:
         return out
 
     def inside(self, q: Array) -> Array:
-        """Whether each angle lies within its limits (a nanoradian of rounding is forgiven). [..., N] -> bool [..., N]."""
+        """Whether each angle lies within its limits, give or take 1e-9 rad of rounding. [..., N] -> bool [..., N]."""
         return (np.asarray(q) >= self.lower - 1e-9) & (np.asarray(q) <= self.upper + 1e-9)
 
     def clip(self, q: Array) -> Array:
-        """Angles cut to their limits. [..., N]."""
+        """Return the angles cut to their limits, rad. [..., N]."""
         return np.minimum(np.maximum(q, self.lower), self.upper)
 
     def margin(self, q: Array) -> Array:
-        """Distance to the nearer limit, rad; negative outside. [..., N]."""
+        """Return the distance to the nearer limit, rad; negative outside the limits. [..., N]."""
         return np.minimum(np.asarray(q) - self.lower, self.upper - np.asarray(q))
 
     def follow(self, q: Array, wanted: Array, seconds: float) -> Array:
-        """Next command on the way to `wanted`: no joint faster than its speed limit, none outside its range.
+        """Return the next command on the way to `wanted`, with no joint above its speed limit or outside its range.
 
-        All joints slow down alike, as in any arm's controller: were each cut by itself, the tool would leave its path, and a
-        slow elbow would drive it into the table.
+        All joints slow down by the same factor, as in any arm's controller. If each joint were limited on its own, the tool
+        would leave its path, and a slow elbow could drive it into the table.
 
         Args:
             q: Last command, rad. [..., N].
@@ -93,7 +93,7 @@ class Workspace:
     """The box in which the tool point may be commanded, and the range of its yaw; table frame, m and rad.
 
     Args:
-        lower: Smallest x, y, z. Half a pad is 32.5 mm long: 35 mm is where the fingertips just clear the table.
+        lower: Smallest x, y, z. Half a pad is 32.5 mm long, so the fingertips just clear the table at z = 35 mm.
         upper: Largest x, y, z.
         yaw: Smallest and largest yaw about the table's z.
     """
@@ -106,7 +106,7 @@ class Workspace:
     def around(
         cls, centre: tuple[float, float] = WORK_CENTRE, side: float = 0.34, heights: tuple[float, float] = (0.035, 0.35)
     ) -> Workspace:
-        """A square column about a point of the table: the start region and 20 mm around it.
+        """Return a square column about a point of the table; by default the start region and 20 mm around it.
 
         Args:
             centre: x and y of the column's middle, table frame, m. [2].
@@ -138,7 +138,7 @@ class Workspace:
         Raises:
             InputError: The command is not finite.
         """
-        # Plain numbers: on so few of them numpy takes several times as long.
+        # Use plain numbers: for so few values, numpy takes several times as long.
         wanted = [*np.asarray(position, dtype=np.float64).tolist(), float(yaw)]
         if not all(map(isfinite, wanted)):
             raise InputError("action", "the commanded pose is not finite", "Check the policy's output for NaN")
@@ -154,12 +154,12 @@ class Workspace:
 
 @dataclass
 class ClippedCommands:
-    """A workspace that counts what it cuts, so that a policy that leans on the walls shows in the records.
+    """A workspace that counts the commands it cuts, so that the records show a policy that often commands poses outside it.
 
     Args:
         workspace: The box.
-        commands: Commands seen.
-        clipped: Commands that had to be cut.
+        commands: Number of commands seen.
+        clipped: Number of commands that had to be cut.
     """
 
     workspace: Workspace = field(default_factory=Workspace.around)
@@ -167,7 +167,7 @@ class ClippedCommands:
     clipped: int = 0
 
     def clip(self, position: Array, yaw: float) -> tuple[Array, float]:
-        """Cut a command as `Workspace.clip` does, and count it. [3], rad."""
+        """Cut a command (tool point, m [3], and yaw, rad) as `Workspace.clip` does, and count it."""
         inside, turn, cut = self.workspace.clip(position, yaw)
         self.commands += 1
         self.clipped += cut

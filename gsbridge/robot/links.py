@@ -21,7 +21,7 @@ class LinkPart:
     Args:
         mesh: Surface of the part, link frame, m.
         colour: sRGB 0..1.
-        extents: Edge lengths if the part is a box along the link's axes: physics then gets the exact box. [3] or None.
+        extents: Edge lengths, m, if the part is a box along the link's axes: physics then gets the exact box. [3] or None.
     """
 
     mesh: Mesh
@@ -29,7 +29,7 @@ class LinkPart:
     extents: tuple[float, float, float] | None = None
 
     def centre(self) -> Array:
-        """Middle of the part's bounding box, link frame. [3]."""
+        """Return the middle of the part's bounding box, link frame, m. [3]."""
         return 0.5 * (self.mesh.vertices.min(0) + self.mesh.vertices.max(0))
 
 
@@ -40,7 +40,7 @@ class Inertia:
     Args:
         mass: Mass, kg.
         centre: Centre of mass, link frame, m. [3].
-        tensor: About the centre of mass, along the link's axes, kg m2. [3, 3].
+        tensor: Inertia tensor about the centre of mass, along the link's axes, kg m2. [3, 3].
     """
 
     mass: float
@@ -69,7 +69,7 @@ class Joint:
         name: Unique name.
         parent: Parent link.
         child: Child link.
-        parent_from_child: Child frame in the parent's, at joint value zero. [4, 4].
+        parent_from_child: Pose of the child frame in the parent's at joint value zero, m. [4, 4].
         kind: `fixed`, `revolute`, or another type of URDF.
         axis: Axis in the child's frame. [3].
         lower: Lower limit, rad (prismatic joints: m, and so on).
@@ -101,7 +101,7 @@ class Joint:
 
 
 def translation(x: float, y: float, z: float) -> Array:
-    """Transform that only moves. [4, 4].
+    """Return a transform without rotation. [4, 4].
 
     Args:
         x, y, z: Shift, m.
@@ -112,7 +112,7 @@ def translation(x: float, y: float, z: float) -> Array:
 
 
 def box(extents: Sequence[float], centre: Sequence[float], colour: Colour) -> LinkPart:
-    """A box along the link's axes.
+    """Return a box along the link's axes.
 
     Args:
         extents: Edges along x, y and z, m. [3].
@@ -127,12 +127,12 @@ def box(extents: Sequence[float], centre: Sequence[float], colour: Colour) -> Li
 
 
 def hull(points: Array, colour: Colour) -> LinkPart:
-    """The convex hull of points. [N, 3]."""
+    """Return the convex hull of points as a part of a link. [N, 3]."""
     return LinkPart(convex_hull(points), colour)
 
 
 def convex_hull(points: Array) -> Mesh:
-    """Watertight convex hull with outward faces. [N, 3]."""
+    """Return the watertight convex hull of points, with outward faces. [N, 3]."""
     import trimesh
 
     solid = trimesh.convex.convex_hull(np.asarray(points, dtype=np.float64))
@@ -140,10 +140,10 @@ def convex_hull(points: Array) -> Mesh:
 
 
 def support_hull(points: Array, directions: int) -> Mesh:
-    """Convex hull of the points that lie farthest out in evenly spread directions: a hull with a bounded vertex count.
+    """Return the convex hull of those points that lie farthest out in evenly spread directions.
 
-    Physics engines test every hull vertex in contact, and the arm's own hulls have up to 600; a few hundred directions stay
-    within about a millimetre of them, always inside.
+    The number of its vertices is bounded. Physics engines test every hull vertex in contact, and the arm's full hulls have up
+    to 600 vertices. With a few hundred directions, the result lies inside the full hull and within about a millimetre of it.
 
     Args:
         points: Points to enclose, m. [N, 3].
@@ -162,12 +162,12 @@ def support_hull(points: Array, directions: int) -> Mesh:
 
 
 def cylinder_points(radius: float, low: float, high: float, sides: int = 32) -> Array:
-    """Corner points of an upright prism whose corners lie on a cylinder along z.
+    """Return the corner points of an upright prism whose corners lie on a cylinder along z.
 
     Args:
         radius: Radius of the cylinder, m.
         low, high: z of its two ends, m.
-        sides: Corners of each end.
+        sides: Number of corners of each end.
 
     Returns:
         The lower ring, then the upper one, m. [2 * sides, 3].
@@ -178,14 +178,14 @@ def cylinder_points(radius: float, low: float, high: float, sides: int = 32) -> 
 
 
 def solid_inertia(parts: Sequence[LinkPart], density: float) -> Inertia:
-    """Mass properties of touching solid parts of one density.
+    """Compute the mass properties of a body made of solid parts of one density.
 
     Args:
-        parts: Watertight parts that do not overlap.
-        density: kg/m3.
+        parts: Watertight parts that may touch but do not overlap.
+        density: Density of all parts, kg/m3.
 
     Returns:
-        Of all parts together, by the parallel-axis theorem.
+        Mass properties of all parts together, by the parallel-axis theorem.
     """
     properties = []
     for part in parts:
@@ -196,7 +196,7 @@ def solid_inertia(parts: Sequence[LinkPart], density: float) -> Inertia:
 
 
 def joined_inertia(bodies: Sequence[Inertia]) -> Inertia:
-    """Mass properties of bodies that move as one, all given in one frame, by the parallel-axis theorem."""
+    """Join the mass properties of bodies that move as one, all given in one frame, by the parallel-axis theorem."""
     mass = float(sum(body.mass for body in bodies))
     if mass == 0.0:
         return NO_INERTIA
@@ -209,27 +209,27 @@ def joined_inertia(bodies: Sequence[Inertia]) -> Inertia:
 
 
 def number(value: float) -> str:
-    """A number as it stands in the description: twelve significant digits, rounding noise and negative zero removed."""
+    """Format a number for the description: twelve significant digits, without rounding noise and negative zero."""
     return f"{round(float(value), 15) + 0.0:.12g}"
 
 
 def numbers(values: Sequence[float] | Array) -> str:
-    """Several numbers, separated by blanks. [N]."""
+    """Format several numbers, separated by blanks. [N]."""
     return " ".join(number(value) for value in values)
 
 
 def rpy_from_rotation(rotation: Array) -> Array:
-    """Fixed-axis roll, pitch, yaw of a rotation as URDF means them, R = Rz(yaw) Ry(pitch) Rx(roll). [3, 3] -> [3]."""
+    """Return URDF's fixed-axis roll, pitch, yaw of a rotation, rad; R = Rz(yaw) Ry(pitch) Rx(roll). [3, 3] -> [3]."""
     r = np.asarray(rotation, dtype=np.float64)
     pitch = np.arctan2(-r[2, 0], np.hypot(r[0, 0], r[1, 0]))
     if np.hypot(r[0, 0], r[1, 0]) < 1e-9:
-        # Roll and yaw turn about the same axis here; all of it goes to the roll.
+        # Gimbal lock: roll and yaw turn about the same axis, so yaw is set to zero and the whole turn is given to roll.
         return np.array([np.arctan2(-r[1, 2], r[1, 1]), pitch, 0.0])
     return np.array([np.arctan2(r[2, 1], r[2, 2]), pitch, np.arctan2(r[1, 0], r[0, 0])])
 
 
 def rotation_from_rpy(rpy: Sequence[float] | Array) -> Array:
-    """Rotation of URDF's fixed-axis roll, pitch, yaw. [3] -> [3, 3]."""
+    """Return the rotation of URDF's fixed-axis roll, pitch, yaw, rad. [3] -> [3, 3]."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [
@@ -241,12 +241,12 @@ def rotation_from_rpy(rpy: Sequence[float] | Array) -> Array:
 
 
 def origin_element(transform: Array) -> ElementTree.Element:
-    """`origin` of a transform. [4, 4]."""
+    """Return the URDF element `origin` of a transform. [4, 4]."""
     return ElementTree.Element("origin", xyz=numbers(transform[:3, 3]), rpy=numbers(rpy_from_rotation(transform[:3, :3])))
 
 
 def inertial_element(inertia: Inertia) -> ElementTree.Element:
-    """The URDF element `inertial` of a link."""
+    """Return the URDF element `inertial` of a link."""
     out = ElementTree.Element("inertial")
     ElementTree.SubElement(out, "origin", xyz=numbers(inertia.centre), rpy="0 0 0")
     ElementTree.SubElement(out, "mass", value=number(inertia.mass))
@@ -258,7 +258,7 @@ def inertial_element(inertia: Inertia) -> ElementTree.Element:
 
 
 def joint_element(joint: Joint) -> ElementTree.Element:
-    """`joint` of the description. Damping and friction are zero: the simulation model sets them, never this file."""
+    """Return the URDF element `joint`. Damping and friction are zero, because only the simulation model sets them."""
     out = ElementTree.Element("joint", name=joint.name, type=joint.kind)
     out.append(origin_element(joint.parent_from_child))
     ElementTree.SubElement(out, "parent", link=joint.parent)

@@ -1,6 +1,7 @@
-"""Mechanisms of MuJoCo (MJCF) as descriptions: bodies, joints and mass properties as MuJoCo itself compiles them.
+"""Conversion of MuJoCo models (MJCF) to URDF descriptions: bodies, joints and mass properties as MuJoCo itself compiles them.
 
-What a description of rigid links and joints cannot say is refused; shapes, contacts, actuators and sensors are left out.
+A model with a feature that a description of rigid links and joints cannot express is refused. Shapes, contacts, actuators and
+sensors are left out.
 
 Source: https://mujoco.readthedocs.io/en/stable/XMLreference.html
 """
@@ -31,15 +32,15 @@ def is_mjcf(root: ElementTree.Element) -> bool:
 
 
 def description_of_mjcf(path: str | Path) -> ElementTree.Element:
-    """A URDF's root element that says the same of links and joints.
+    """Return the root element of a URDF with the links and joints of an MJCF.
 
-    A joint's frame lies at its anchor, with the axes of its body where MuJoCo's zero is. `dynamics` also has MuJoCo's
-    `armature`, kg m2, and the root its `gravity`, m/s2, which URDF knows nothing of.
+    The frame of a joint has its origin at the joint's anchor, and the axes that its body has at joint value zero. Two
+    attributes are not part of URDF: `armature`, kg m2, of the element `dynamics`, and `gravity`, m/s2, of the root.
 
     Raises:
-        InputError: MuJoCo cannot read the file, or it holds what a tree of links on hinges and slides cannot say.
+        InputError: MuJoCo cannot read the file, or a tree of links on hinges and slides cannot express its content.
     """
-    # Otherwise MuJoCo writes its warnings into a file in whatever folder one is.
+    # Without a handler, MuJoCo writes its warnings into a file in the current folder.
     warnings: list[str] = []
     mujoco.set_mju_user_warning(warnings.append)
     try:
@@ -49,7 +50,7 @@ def description_of_mjcf(path: str | Path) -> ElementTree.Element:
     finally:
         mujoco.set_mju_user_warning(None)
     for message in warnings:
-        # MuJoCo takes NaN for what is not stated.
+        # MuJoCo would treat NaN as a value that is not stated.
         if "NaN" in message:
             raise InputError(path, "a number of it is NaN", "Correct the MJCF")
         logger.warning("%s: %s", path, message)
@@ -57,7 +58,7 @@ def description_of_mjcf(path: str | Path) -> ElementTree.Element:
     without = bool(model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY))
     gravity = np.zeros(3) if without else model.opt.gravity
     root = ElementTree.Element("robot", name=Path(path).stem, gravity=numbers(gravity))
-    # Where each body's own frame is, seen from the link that stands for it: links begin at their joint's anchor.
+    # Pose of each body's own frame in the frame of its link, whose origin is the anchor of the link's joint.
     link_from_body: list[Array] = [np.eye(4)] * model.nbody
     names = [_name(model, mujoco.mjtObj.mjOBJ_BODY, k, "body") for k in range(model.nbody)]
     for k, name in enumerate(names):
@@ -84,10 +85,10 @@ def description_of_mjcf(path: str | Path) -> ElementTree.Element:
 
 
 def _refuse(model: mujoco.MjModel, path: str | Path) -> None:
-    """Refuse what a tree of links on hinges and slides cannot say.
+    """Refuse a model that a tree of links on hinges and slides cannot express.
 
     Raises:
-        InputError: The first such thing, and what to do.
+        InputError: The first feature that cannot be expressed, and what to do about it.
     """
     for j in range(model.njnt):
         name, kind = _name(model, mujoco.mjtObj.mjOBJ_JOINT, j, "joint"), int(model.jnt_type[j])
@@ -99,7 +100,7 @@ def _refuse(model: mujoco.MjModel, path: str | Path) -> None:
             )
         low, high = model.jnt_range[j]
         if low > high:
-            # MuJoCo takes such a range for none.
+            # MuJoCo treats such a range as no range.
             raise InputError(path, f"joint '{name}' has a range from {low:g} to {high:g}", "Write the smaller limit first")
         if float(model.jnt_stiffness[j]) != 0.0:
             raise InputError(
@@ -121,7 +122,7 @@ def _refuse(model: mujoco.MjModel, path: str | Path) -> None:
         raise InputError(path, f"it has {model.ntendon} tendons", "Couplings of joints are not known here: take them out")
     if not model.njnt:
         raise InputError(path, "it has no joint", "Give the MJCF of a mechanism")
-    # MuJoCo itself only warns.
+    # MuJoCo itself only warns of numbers that are not finite.
     for what in (
         "body_pos",
         "body_quat",
@@ -138,19 +139,19 @@ def _refuse(model: mujoco.MjModel, path: str | Path) -> None:
 
 
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, k: int, what: str) -> str:
-    """Name of a body or a joint; its number where it has none."""
+    """Return the name of a body or a joint; without a name, `what` and its index."""
     return mujoco.mj_id2name(model, kind, k) or f"{what}_{k}"
 
 
 def _pose(place: Array, quaternion: Array) -> Array:
-    """Transform of MuJoCo's place and quaternion (w first). [4, 4]."""
+    """Return the transform of MuJoCo's position, m, and quaternion (w first). [4, 4]."""
     out = np.eye(4)
     out[:3, 3], out[:3, :3] = place, Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     return out
 
 
 def _zero(model: mujoco.MjModel, j: int) -> Array:
-    """Motion of a joint from its reading of zero to the pose in the file, which is at `ref`. [4, 4]."""
+    """Return the pose of a joint's frame at joint value zero, in its frame as the file poses it (joint value `ref`). [4, 4]."""
     back, axis = -float(model.qpos0[model.jnt_qposadr[j]]), model.jnt_axis[j]
     if _KINDS[int(model.jnt_type[j])] == "prismatic":
         return translation(*(back * axis))
@@ -178,7 +179,7 @@ def _add_joint(
 
 
 def _add_fixed(root: ElementTree.Element, parent: str, child: str, parent_from_child: Array) -> None:
-    """Fix a link to another."""
+    """Add a joint that fixes a link to its parent."""
     element = ElementTree.SubElement(root, "joint", name=f"{child}_fixed", type="fixed")
     _connect(element, (parent, child), parent_from_child)
 

@@ -1,4 +1,4 @@
-"""Files that an MJCF names, without MuJoCo: what the workflow has to watch."""
+"""Files that an MJCF names, found without MuJoCo, so that the workflow can watch them for changes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _MEND = "Correct the MJCF"
 
 
 def mjcf_files(path: str | Path) -> list[Path]:
-    """Files that an MJCF names, as far as they are there: what it includes, and meshes, whose shapes may give masses."""
+    """Return the existing files that an MJCF names: included files, and meshes, whose shapes may give masses."""
     return [place for place in mjcf_named(path) if place.is_file()]
 
 
 def mjcf_named(path: str | Path) -> list[Path]:
-    """What is there at all places at which MuJoCo may look for what an MJCF, or a file that it includes, names."""
+    """Return the existing paths at which MuJoCo may look for files that an MJCF, or a file it includes, names."""
     folders, names, waiting, seen = {Path(path).parent}, dict[str, None](), [Path(path)], set[Path]()
     found: dict[Path, None] = {}
     while waiting:
@@ -40,7 +40,7 @@ def mjcf_named(path: str | Path) -> list[Path]:
 
 
 def _is_there(path: Path) -> bool:
-    """Whether a path names anything; a name that no system takes does not."""
+    """Whether a path exists; False for a name that the operating system does not accept."""
     try:
         return path.exists()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Whether the arm reaches the room it is asked to work in: inverse kinematics over a grid, done once at start-up."""
+"""Check that the arm reaches its workspace: inverse kinematics over a grid of poses, done once at start-up."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gsbridge.robot.limits import Workspace
 
 
 def tool_down(position: Array, yaw: Array | float = 0.0) -> Array:
-    """Tool poses that point straight down.
+    """Return tool poses that point straight down.
 
     Args:
         position: Tool points, m. [..., 3].
-        yaw: Turn about the vertical, rad; at 0 the tool's x, the camera's side, is the frame's x. [...].
+        yaw: Turn about the vertical, rad; at 0 the tool's x axis (the camera's side) is along the frame's x. [...].
 
     Returns:
         `frame_from_tool` with z down. [..., 4, 4].
@@ -35,14 +35,14 @@ def tool_down(position: Array, yaw: Array | float = 0.0) -> Array:
 
 @dataclass(frozen=True)
 class Reach:
-    """Inverse kinematics over a grid of tool poses, all [M].
+    """Results of inverse kinematics over a grid of M tool poses.
 
     Args:
         positions: Tool points, table frame, m. [M, 3].
-        yaws: Yaws of the tool that are tried, rad. [M].
+        yaws: Yaws of the tool, rad. [M].
         position_errors: Distance by which each pose is missed, m. [M].
         angle_errors: Angle by which each pose is missed, rad. [M].
-        margins: Distance of the nearest joint limit, rad. [M].
+        margins: Smallest distance of any joint to its limit, rad. [M].
     """
 
     positions: Array
@@ -53,23 +53,23 @@ class Reach:
 
     @property
     def reached(self) -> Array:
-        """Which poses count as reached. [M]."""
+        """Mask of the poses that count as reached, bool. [M]."""
         return (self.position_errors <= REACHED_M) & (self.angle_errors <= REACHED_RAD)
 
 
 def residual_grid(
     kinematics: Kinematics, base_from_table: Array, workspace: Workspace, *, counts: tuple[int, int, int, int] = (5, 5, 3, 3)
 ) -> Reach:
-    """Residual of inverse kinematics over a workspace, tool pointing down, box corners included.
+    """Solve inverse kinematics on a grid over a workspace, corners included, with the tool pointing down.
 
     Args:
         kinematics: The robot.
-        base_from_table: Where the table stands. [4, 4].
+        base_from_table: Pose of the table. [4, 4].
         workspace: Box and yaw range, table frame.
-        counts: Grid points along x, y, z and yaw; a single one lies in the middle.
+        counts: Number of grid points along x, y, z and yaw; a single point lies in the middle of the range.
 
     Returns:
-        One entry per grid pose. Every pose starts from the rest posture, as the first command does.
+        One entry per grid pose. Every solution starts from the rest posture, as the first command does.
     """
     lows, highs = (*workspace.lower, workspace.yaw[0]), (*workspace.upper, workspace.yaw[1])
     axes = [np.linspace(a, b, n) if n > 1 else np.array([0.5 * (a + b)]) for a, b, n in zip(lows, highs, counts, strict=True)]
@@ -91,9 +91,9 @@ def require_reach(kinematics: Kinematics, base_from_table: Array, workspace: Wor
 
     Args:
         kinematics: The robot.
-        base_from_table: Where the table stands. [4, 4].
-        workspace: The box the task needs.
-        source: Setting or file that placed the table, for the message.
+        base_from_table: Pose of the table. [4, 4].
+        workspace: The box that the task needs.
+        source: Setting or file that gave the table's pose, for the error message.
 
     Returns:
         The residuals, for the record.

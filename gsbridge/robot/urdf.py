@@ -1,4 +1,4 @@
-"""The one reader of URDFs: what a description says of links and joints, checked whole and once."""
+"""The only reader of URDFs in gsbridge: it checks all links and joints of a description when it reads the file."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from gsbridge.robot.links import Inertia, Joint, rotation_from_rpy
 
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
 WORLD = "world"
-"""Link that files may leave out."""
+"""Name of the link that a joint may name as its parent although the file has no such link."""
 
 _MEND = "Correct the URDF, or export it again"
 _INDEFINITE = 1e-9
-"""Share of its trace by which rounding may make an eigenvalue of an inertia negative."""
+"""Largest negative eigenvalue of an inertia tensor that is accepted as rounding, as a share of the tensor's trace."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,13 @@ class Tree:
 
 @dataclass(frozen=True)
 class Origin:
-    """A frame as the file gives it: place in m, then roll, pitch and yaw about fixed axes in rad."""
+    """A frame as the file gives it: position, m, then roll, pitch and yaw about fixed axes, rad."""
 
     xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
     rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def transform(self) -> Array:
-        """The frame's pose in the frame that it is given in. [4, 4]."""
+        """Return the frame's pose as a transform. [4, 4]."""
         out = np.eye(4)
         out[:3, 3] = self.xyz
         out[:3, :3] = rotation_from_rpy(self.rpy)
@@ -74,7 +74,7 @@ class InertialElement:
 
     Args:
         mass: Mass, kg.
-        origin: Frame at the centre of mass, in the link's.
+        origin: Frame at the centre of mass, in the link's frame.
         tensor: Inertia about the centre of mass along the axes of `origin`, kg m2. [3, 3].
     """
 
@@ -83,7 +83,7 @@ class InertialElement:
     tensor: Array
 
     def seen_from(self, frame_from_link: Array) -> Inertia:
-        """Mass properties of the link in another frame, whose transform from the link's frame is given. [4, 4]."""
+        """Return the link's mass properties in another frame, given the link's pose `frame_from_link` in it. [4, 4]."""
         placed = frame_from_link @ self.origin.transform()
         return Inertia(self.mass, placed[:3, 3], placed[:3, :3] @ self.tensor @ placed[:3, :3].T)
 
@@ -93,12 +93,12 @@ class Description:
     """A URDF as it was read.
 
     Args:
-        root: XML of the description, for those who write a changed copy.
+        root: XML of the description, for callers that write a changed copy.
         links: Names of the links in the file's order.
         base: The link without a parent.
-        joints: Every joint, parents before children, otherwise in the file's order. Prismatic ones have limits in metres;
-            limits that are not stated are infinite, speeds and efforts that are not stated 0.
-        origins: Frame of each joint in its parent link's, by the joint's name, in the file's order.
+        joints: Every joint, parents before children, otherwise in the file's order. Prismatic joints have limits in metres.
+            Limits that the file does not state are infinite; speeds and efforts that it does not state are 0.
+        origins: Frame of each joint in its parent link's frame, by the joint's name, in the file's order.
         inertials: Mass properties by link; links without the element are left out.
     """
 
@@ -114,9 +114,9 @@ def read_description(path: str | Path) -> Description:
     """Read a URDF.
 
     Raises:
-        InputError: The file is missing, too large or no URDF, or is xacro; a link or joint lacks something, has a number that
-            is none, a type that is unknown, an axis of no length, limits that no joint has, or mass properties that no body
-            has; or the links form no tree.
+        InputError: The file is missing, too large, xacro, or not a URDF; a link or joint lacks a required part, or has a
+            damaged number, an unknown type, an axis of length zero, impossible limits or impossible mass properties; or the
+            links do not form a tree.
     """
     source = regular_file(path, "URDF", "Check the path, or build the robot", LARGEST_TEXT)
     with refusing(source, "this is no valid XML", "Export it, or build the robot, again"):
@@ -125,11 +125,11 @@ def read_description(path: str | Path) -> Description:
 
 
 def description_of(root: ElementTree.Element, source: str | Path) -> Description:
-    """A description from the root element of a URDF, which is tidied: plain tags, and the link `world` where joints name it.
+    """Read a description from the root element of a URDF.
 
     Args:
-        root: The element.
-        source: Its file, for messages.
+        root: The element. It is changed in place: tags lose their name spaces, and the link `world` is added if joints need it.
+        source: The file that it comes from, for error messages.
 
     Raises:
         InputError: As `read_description`.
@@ -155,10 +155,10 @@ def description_of(root: ElementTree.Element, source: str | Path) -> Description
 
 
 def _refuse_xacro(root: ElementTree.Element, source: str | Path) -> None:
-    """Refuse a description that has yet to be expanded.
+    """Refuse a xacro file, which must be expanded first.
 
     Raises:
-        InputError: It has elements or expressions of xacro.
+        InputError: The file has elements or expressions of xacro.
     """
     if any(isinstance(element.tag, str) and "xacro}" in element.tag for element in root.iter()) or any(
         mark in value
@@ -172,9 +172,9 @@ def _refuse_xacro(root: ElementTree.Element, source: str | Path) -> None:
 
 
 def _tidy(root: ElementTree.Element) -> None:
-    """Take off name spaces, and add the link `world` where a joint hangs on it and no link is called so.
+    """Remove name spaces from tags, and add the link `world` if a joint has it as its parent and the file does not define it.
 
-    Published files do both: some tools know the world without being told.
+    Published files use name spaces and leave out `world`, because some tools know it without a definition.
     """
     for element in root.iter():
         if isinstance(element.tag, str):
@@ -186,10 +186,10 @@ def _tidy(root: ElementTree.Element) -> None:
 
 
 def read_urdf(path: str | Path) -> Tree:
-    """Read the tree of a robot whose joints all turn.
+    """Read the tree of a robot that has only fixed and revolute joints.
 
     Raises:
-        InputError: As `read_description`, or a joint is of another kind than fixed or revolute or coupled with an offset.
+        InputError: As `read_description`; or a joint is neither fixed nor revolute, is coupled with an offset, or lacks limits.
     """
     description = read_description(path)
     for joint in description.joints:
@@ -203,7 +203,7 @@ def read_urdf(path: str | Path) -> Tree:
 
 
 def collision_meshes(path: str | Path) -> list[Path]:
-    """Shapes of contact that a URDF names; none where it cannot be read, which whoever reads it next tells."""
+    """Return the collision meshes that a URDF names; empty if the file cannot be read, which its next reader reports."""
     try:
         with refusing(path, "this is no valid XML", _MEND):
             root = ElementTree.parse(regular_file(path, "URDF", _MEND, LARGEST_TEXT)).getroot()
@@ -215,7 +215,7 @@ def collision_meshes(path: str | Path) -> list[Path]:
 
 
 class _DamageError(Exception):
-    """What is wrong with a description, in plain words."""
+    """A fault in a description, in plain words."""
 
 
 def _named(element: ElementTree.Element, what: str) -> str:
@@ -226,26 +226,26 @@ def _named(element: ElementTree.Element, what: str) -> str:
 
 
 def _numbers(element: ElementTree.Element | None, key: str, default: str, what: str, count: int = 1) -> tuple[float, ...]:
-    """Numbers of an attribute, or those of `default` where there is none."""
+    """Read the numbers of an attribute, or those of `default` if the attribute is missing."""
     text = default if element is None else element.get(key, default)
     try:
         values = tuple(float(value) for value in text.split())
     except ValueError:
         values = ()
-    # Only a default may be infinite: it says that a limit is not stated.
+    # Only a default may be infinite: infinity means that the limit is not stated.
     if len(values) != count or not (text == default or all(map(isfinite, values))):
         raise _DamageError(f'{what}: {key}="{text}" is no {"number" if count == 1 else f"row of {count} numbers"}')
     return values
 
 
 def read_origin(element: ElementTree.Element, what: str) -> Origin:
-    """The `origin` of an element of `what`; that of the frame around it where it states none."""
+    """Read the `origin` of an element; the identity if it has none. `what` names the element in error messages."""
     origin = element.find("origin")
     return Origin(_numbers(origin, "xyz", "0 0 0", what, 3), _numbers(origin, "rpy", "0 0 0", what, 3))
 
 
 def _inertial(link: ElementTree.Element, name: str) -> InertialElement:
-    """Mass properties of a link that states them."""
+    """Read the mass properties of a link that has an element `inertial`."""
     what = f"link '{name}' has damaged mass properties"
     element = link.find("inertial")
     mass_element, moments = link.find("inertial/mass"), link.find("inertial/inertia")
@@ -262,7 +262,7 @@ def _inertial(link: ElementTree.Element, name: str) -> InertialElement:
 
 
 def _joint(element: ElementTree.Element) -> Joint:
-    """One joint element."""
+    """Read one joint element."""
     name = _named(element, "a joint")
     what = f"joint {name}"
     kind = element.get("type")
@@ -288,7 +288,7 @@ def _joint(element: ElementTree.Element) -> Joint:
     (lower,), (upper,) = (_numbers(bounded, key, str(sign * inf), what) for key, sign in (("lower", -1), ("upper", 1)))
     if lower > upper:
         raise _DamageError(f"{what} has a lower limit of {lower:g} above its upper one of {upper:g}")
-    # Some programs write -1 for a speed or an effort without a limit.
+    # Some programs write -1 for a speed or an effort without a limit; 0 means that no limit is stated.
     most = {key: max(_numbers(limit, key, "0", what)[0], 0.0) for key in ("velocity", "effort")}
     lost = {key: _numbers(losses, key, "0", what)[0] for key in ("damping", "friction")}
     below = next((key for key, value in lost.items() if value < 0.0), None)
@@ -314,7 +314,7 @@ def _joint(element: ElementTree.Element) -> Joint:
 
 
 def _ordered(links: Sequence[str], joints: Sequence[Joint]) -> tuple[str, tuple[Joint, ...]]:
-    """The base and the joints with parents first, otherwise in the file's order."""
+    """Return the base link and the joints, parents first and otherwise in the file's order; refuse links that form no tree."""
     for names, what in ((links, "link"), ([joint.name for joint in joints], "joint"), ([j.child for j in joints], "child")):
         twice = next((name for name, count in Counter(names).items() if count > 1), None)
         if twice is not None:
@@ -332,7 +332,7 @@ def _ordered(links: Sequence[str], joints: Sequence[Joint]) -> tuple[str, tuple[
         raise _DamageError(
             f"the links form no tree: {len(bases)} links have no parent ({', '.join(bases) or 'they go in a circle'})"
         )
-    # Link by link from the base on: those of one generation in the file's order.
+    # Go through the tree by generations from the base; within a generation keep the file's order.
     carried: dict[str, list[Joint]] = {}
     for joint in joints:
         carried.setdefault(joint.parent, []).append(joint)

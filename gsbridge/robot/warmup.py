@@ -1,4 +1,4 @@
-"""Compiling the kernels of kinematics once, so that jobs side by side find them in the cache."""
+"""Compilation of the kinematics kernels ahead of time, so that parallel jobs find them in the cache."""
 
 from __future__ import annotations
 
