@@ -1,1 +1,1 @@
-"""Reality: the worlds that stand outside the simulator, the embedded mirror and the robot's own logs."""
+"""Reality: worlds outside the simulator, which are the embedded mirror and the logs of its robot's driver."""

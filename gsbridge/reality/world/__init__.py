@@ -1,1 +1,1 @@
-"""The mirror as a world to act in: its own physics and hidden parameters, and an eye-in-hand camera that is path-traced."""
+"""The mirror as a world in which a robot acts: its own physics, hidden parameters and a path-traced eye-in-hand camera."""

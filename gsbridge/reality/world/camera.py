@@ -1,9 +1,9 @@
 """The wrist camera: path-traced pictures of the true object, table, plate and robot, through a sensor with noise.
 
-The scene is loaded once. Bodies that move are instances of shape groups, so that a frame changes transforms only, which takes
-much less time than new vertices for every shape. Most of what is left goes with the number of all triangles, moving or not,
-since Mitsuba then sorts all of them anew; object and plate are therefore meshed at twice the spacing of the films, which stays
-below one pixel of a wrist image.
+The scene is loaded once. Bodies that move are instances of shape groups, so that a new frame changes transforms only. This
+takes much less time than new vertices for every shape. Most of the remaining time grows with the number of all triangles,
+moving or not, because Mitsuba sorts them all again. Object and plate are therefore meshed at twice the vertex spacing of the
+films, which is still below one pixel of a wrist image.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from gsbridge.reality.world.surroundings import lying_about, window
 from gsbridge.robot.assembly import RobotFiles
 
 FIELD_OF_VIEW = np.deg2rad(42.5)
-"""Field of view of the square picture, rad: the middle of a RealSense D435i's colour image, as in the paper."""
+"""Field of view of the square picture, rad: that of the central square of a RealSense D435i's colour image, as in the paper."""
 
 _NEAR, _FAR = 0.01, 20.0
 _REST = 1.0
-"""Time between photos of what is at rest, s; what the camera adapts to it has adapted to in the first."""
+"""Time between photos of a scene at rest, s; exposure and white balance are already settled in the first photo."""
 _SHEET_PIXELS_PER_M = 2000.0
 _DETAIL = 2.0
-"""Spacing of the meshes of object and plate, in those of the films."""
+"""Vertex spacing of the meshes of object and plate, as a multiple of the spacing in films."""
 _GLOSSY_SHARE = 0.6
-"""Share of the camera's samples that are traced where there are highlights, since each of them sends a second ray."""
+"""Factor on the number of samples in scenes with highlights at path depth 2, because each sample then sends a second ray."""
 _SAMPLERS = ("multijitter", "stratified", "independent")
 _COVERS = ("arm", "coloured", "hand")
 
@@ -53,7 +53,7 @@ class Setting:
 
     Args:
         object: One of the mirror's objects, or None.
-        background: One of its backgrounds.
+        background: One of the mirror's backgrounds.
         sheet: Paper size of the board that lies on the table, as in the films; None without it.
         seed: Seed of textures and shapes, as in the films.
     """
@@ -70,12 +70,12 @@ class Setting:
 
 @dataclass(frozen=True)
 class Quality:
-    """How pictures are traced.
+    """Settings of the path tracer.
 
     Args:
-        samples: Samples per pixel, at least: the default sampler makes 35 of 32.
-        depth: Longest path. The films have 4; at 3 the picture is slightly darker. 2 is direct light with its shadows, by rays
-            to the lights alone: slightly darker again, and faster.
+        samples: Least number of samples per pixel; the default sampler rounds it up, for example from 32 to 35.
+        depth: Largest path length. The films use 4; at 3 the picture is slightly darker. 2 is direct light with shadows, found
+            by rays to the lights alone; it is slightly darker again, and faster.
         sampler: Mitsuba's sampler; `independent` is faster and noisier.
     """
 
@@ -91,7 +91,7 @@ class Quality:
 
 
 def wrist_camera(size: int) -> Camera:
-    """Intrinsics of the square wrist picture, principal point in the middle.
+    """Return the intrinsics of a square wrist picture of `size` px, with the principal point in the middle.
 
     Raises:
         InputError: The size is not positive.
@@ -103,10 +103,10 @@ def wrist_camera(size: int) -> Camera:
 
 
 class MirrorCamera:
-    """The room with everything in it, ready to be photographed from any pose with its bodies anywhere.
+    """The room with everything in it, which can be photographed from any pose and with its bodies at any poses.
 
     Args:
-        setting: What stands in the room.
+        setting: Background, object and board in the room.
         robot: The robot; its links are drawn under the names of the description.
         hidden: Hidden parameters of light, colours and sensor.
         threads: Threads to render with.
@@ -133,12 +133,13 @@ class MirrorCamera:
             content[group] = {"type": "shapegroup", **{f"part_{index}": part for index, part in enumerate(parts)}}
             content[f"body_{name}"] = {
                 "type": "instance",
-                # Out of sight until its pose is known.
+                # Keep the body out of sight until its pose is known.
                 "to_world": mi.ScalarTransform4f().translate([0, 0, -50]),
                 "group": {"type": "ref", "id": group},
             }
         self.bodies = tuple(shapes)
-        # Unoptimised: what Mitsuba merges, it numbers by addresses, and the order of several lights decides where samples fall.
+        # Without optimisation: it would merge shapes and order them by memory address, and the order of the lights changes the
+        # samples, so pictures would not be reproducible.
         self._scene = mi.load_dict(content, optimize=False)
         self._parameters = mi.traverse(self._scene)
         self._parameters.keep([f"body_{name}.to_world" for name in shapes])
@@ -146,10 +147,10 @@ class MirrorCamera:
         self._makers: dict[tuple[Camera, Quality, tuple[int, int] | None], Callable[[int], Array]] = {}
 
     def move(self, poses: Mapping[str, Array]) -> None:
-        """Put bodies where they are.
+        """Set the poses of bodies.
 
         Args:
-            poses: `table_from_body` by name; names that are not drawn are passed over. Each [4, 4].
+            poses: `table_from_body` by name; names of bodies that are not drawn are ignored. Each [4, 4].
         """
         for name in self.bodies:
             if name in poses and (name not in self._moved or not np.array_equal(self._moved[name], poses[name])):
@@ -160,14 +161,14 @@ class MirrorCamera:
     def light(
         self, camera: Camera, cam_from_table: Array, quality: Quality, seed: int, rows: tuple[int, int] | None = None
     ) -> Array:
-        """Linear light that arrives at the sensor. [H, W, 3] float32.
+        """Render the linear light that arrives at the sensor. [H, W, 3] float32.
 
         Args:
             camera: Pinhole with square pixels and its principal point in the middle.
-            cam_from_table: OpenCV axes. [4, 4].
+            cam_from_table: Pose of the camera, OpenCV axes. [4, 4].
             quality: Samples and depth.
             seed: Seed of the samples.
-            rows: The first row and the one behind the last, for a part of the picture; None for all of it.
+            rows: First row, and the row after the last, of the part to render; None for the whole picture.
         """
         if self._glossy and quality.depth == 2:
             quality = replace(quality, samples=max(1, round(_GLOSSY_SHARE * quality.samples)))
@@ -178,13 +179,13 @@ class MirrorCamera:
         return self._makers[key](seed)[..., :3]
 
     def coverage(self, camera: Camera, cam_from_table: Array, names: tuple[str, ...], samples: int = 16) -> Array:
-        """Share of each pixel in which bodies are seen, whatever hides them left out. [H, W] float32.
+        """Return the share of each pixel in which the bodies are visible; hidden parts do not count. [H, W] float32.
 
         Args:
             camera: The camera, see `light`.
             cam_from_table: Pose of the camera. [4, 4].
-            names: Bodies.
-            samples: Samples per pixel.
+            names: Names of the bodies.
+            samples: Samples per pixel, rounded to a square number.
 
         Raises:
             InputError: A body is not drawn.
@@ -192,7 +193,7 @@ class MirrorCamera:
         for name in names:
             if name not in self.bodies:
                 raise InputError("mirror camera", f"the body '{name}' is not drawn", f"Use one of {', '.join(self.bodies)}")
-        # One ray per pixel of an enlarged picture: an average of the bodies' numbers within a pixel would mean nothing.
+        # Trace one ray per pixel of an enlarged picture: bodies' numbers must not be averaged within a pixel.
         fine = camera.scaled(max(1, round(np.sqrt(samples))))
         sensor = self._sensor(fine, cam_from_table, Quality(1))
         hit = shows(self._mi, self._scene, sensor, fine, {f"body_{name}" for name in names}).astype(np.float32)
@@ -200,7 +201,7 @@ class MirrorCamera:
         return hit.reshape(camera.height, step, camera.width, step).mean((1, 3))
 
     def lens(self, camera: Camera) -> LensError | None:
-        """What calibration left of the lens's errors; None for nothing."""
+        """Return the lens errors that remain after calibration; None if there are none."""
         if self.hidden.distortion == 0.0 and self.hidden.focal_error == 0.0:
             return None
         if camera not in self._lenses:
@@ -208,7 +209,7 @@ class MirrorCamera:
         return self._lenses[camera]
 
     def photo(self, camera: Camera, cam_from_table: Array, quality: Quality, seed: int) -> Array:
-        """Photo that the camera delivers of what is at rest, after it has looked at it for a while.
+        """Take a photo of a scene at rest, with exposure and white balance settled.
 
         Args:
             camera: Pinhole with square pixels and its principal point in the middle.
@@ -225,7 +226,7 @@ class MirrorCamera:
         return electronics.delivered(expose(light, self.hidden, np.random.default_rng([seed, 2]), electronics.gains(light)))
 
     def _sensor(self, camera: Camera, cam_from_table: Array, quality: Quality, rows: tuple[int, int] | None = None) -> Any:
-        """Mitsuba sensor at a pose; sensors of one kind are made once."""
+        """Return a Mitsuba sensor at a pose; sensors with the same settings are made once and moved."""
         mi, (top, bottom) = self._mi, rows or (0, camera.height)
         key = camera, quality, top, bottom
         # Mitsuba looks along +z with x to the left and y up.
@@ -259,30 +260,31 @@ class MirrorCamera:
 
 
 def _cropped(width: int, top: int, bottom: int) -> dict[str, int]:
-    """The part of a film from one row to another."""
+    """Return the crop of a Mitsuba film to the rows from `top` up to, but without, `bottom`."""
     return {"crop_offset_x": 0, "crop_offset_y": top, "crop_width": width, "crop_height": bottom - top}
 
 
 def _integrator(depth: int, glossy: bool) -> dict[str, Any]:
-    """Mitsuba's integrator for paths up to a length."""
+    """Return Mitsuba's integrator for paths up to a length."""
     if depth == 2:
-        # From diffuse surfaces, rays that leave at random find the lights less often than rays sent there; highlights are found
-        # by the former.
+        # On diffuse surfaces, rays sent to the lights have less noise than rays in random directions (BSDF samples); only
+        # highlights need the latter.
         return {"type": "direct", "emitter_samples": 1, "bsdf_samples": int(glossy)}
     return {"type": "path", "max_depth": depth, "rr_depth": 8}
 
 
 def expose(light: Array, hidden: Hidden, rng: np.random.Generator, gains: Array | float = 1.0) -> Array:
-    """Lens and sensor: falloff, shot and readout noise in linear light, saturation, sRGB encoding, tint, 8 bits.
+    """Simulate the sensor: falloff, shot and readout noise in linear light, saturation, sRGB encoding, tint, 8 bits.
 
     Args:
-        light: Linear light, 1 saturates at unit exposure. [H, W, 3].
+        light: Linear light; 1 saturates at unit exposure. [H, W, 3].
         hidden: Hidden parameters of the sensor.
         rng: Source of the noise.
-        gains: Of the channels: below 1 less light is taken, above 1 signal and noise are amplified. [3] or one of all.
+        gains: Gain of each channel: below 1 the sensor takes less light, above 1 signal and noise are amplified. [3], or one
+            for all.
 
     Returns:
-        uint8 [H, W, 3].
+        The picture. uint8 [H, W, 3].
     """
     signal = np.maximum(np.asarray(light, dtype=np.float64) * (hidden.exposure * np.minimum(gains, 1.0)), 0.0)
     if hidden.vignette > 0.0:
@@ -294,20 +296,20 @@ def expose(light: Array, hidden: Hidden, rng: np.random.Generator, gains: Array 
 
 
 def _falloff(height: int, width: int, lost: float) -> Array:
-    """Share of the light that reaches each pixel by the cosine-fourth law. [H, W].
+    """Return the share of the light that reaches each pixel by the cosine-fourth law. [H, W].
 
     Args:
         height, width: Size of the picture, px.
         lost: Share lost at the outer corners of the corner pixels.
     """
     y, x = (np.arange(height) + 0.5) / height * 2 - 1, (np.arange(width) + 0.5) / width * 2 - 1
-    # Of the squared radius, 1 at the corners, in units that the law's angle makes free.
+    # Squared distance from the centre, 1 at the corners, where the law (cos^4 = (1 + tan^2)^-2) is scaled to lose `lost`.
     square = (x**2 * width**2 + (y**2)[:, None] * height**2) / (width**2 + height**2)
     return (1.0 + ((1.0 - lost) ** -0.5 - 1.0) * square) ** -2.0
 
 
 def _room(mi: Any, setting: Setting, hidden: Hidden) -> dict[str, Any]:
-    """Table, board, plate, floor and light: the studio of the films, its light changed by the hidden parameters."""
+    """Describe table, board, plate, floor and light: the films' studio, with its light changed by the hidden parameters."""
     eye, aim = lamp_line(hidden)
     lamp = mi.ScalarTransform4f().look_at(origin=eye.tolist(), target=aim.tolist(), up=[0, 0, 1])
     power = hidden.light_power * np.array(hidden.light_cast)
@@ -348,26 +350,26 @@ def _room(mi: Any, setting: Setting, hidden: Hidden) -> dict[str, Any]:
 
 
 def lamp_line(hidden: Hidden) -> tuple[Array, Array]:
-    """Position of the lamp and the point that it lights, m. [3], [3]."""
+    """Return the position of the lamp and the point at which it is aimed, table frame, m. [3], [3]."""
     aim = np.array(studio._LIGHT_AIM)
     return aim + _swing(np.array(studio._LIGHT_EYE) - aim, hidden.light_turn, hidden.light_rise), aim
 
 
 def _screen(half: float) -> Mesh:
-    """The screen that stands for a person, its own frame: `half` as wide, 0.6 m high, with two faces."""
+    """Return the screen that represents a person, own frame: `half` is half its width, m; 0.6 m high, with two faces."""
     corners = np.array([[-half, -0.3, 0.0], [half, -0.3, 0.0], [half, 0.3, 0.0], [-half, 0.3, 0.0]])
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]))
 
 
 def _swing(arm: Array, turn: float, rise: float) -> Array:
-    """A direction turned about the vertical and raised, its length kept. [3]."""
+    """Turn a vector about the vertical by `turn` and raise it by `rise`, rad; its length stays the same. [3]."""
     length, level = np.linalg.norm(arm), np.hypot(arm[0], arm[1])
     heading, height = np.arctan2(arm[1], arm[0]) + turn, np.arctan2(arm[2], level) + rise
     return length * np.array([np.cos(height) * np.cos(heading), np.cos(height) * np.sin(heading), np.sin(height)])
 
 
 def _link(mi: Any, mesh: Mesh, colour: tuple[float, float, float], hidden: Hidden) -> Any:
-    """Mitsuba mesh of a part of the robot, flat-shaded, in its true colour."""
+    """Return the Mitsuba mesh of a part of the robot, flat-shaded, in its true colour."""
     group = "hand" if max(colour) < 0.5 else "coloured" if max(colour) - min(colour) > 0.2 else "arm"
     shade = hidden.robot_shade[_COVERS.index(group)]
     reflectance = np.clip(linear_from_srgb(np.array(colour)) * shade * hidden.robot_tint, 0.0, 0.9)
@@ -377,10 +379,10 @@ def _link(mi: Any, mesh: Mesh, colour: tuple[float, float, float], hidden: Hidde
 
 
 def _object(mi: Any, mesh: Mesh, normals: Array, gloss: float) -> Any:
-    """Mitsuba mesh of the object, one colour per triangle.
+    """Return the Mitsuba mesh of the object, with one colour per triangle.
 
-    Colours at the vertices would be garbage on an instance: Mitsuba 3.9 looks for the place within the triangle with a point in
-    the world's frame and vertices in the mesh's own. Triangles are half a pixel or less.
+    Vertex colours are wrong on an instance: to interpolate, Mitsuba 3.9 compares a point in the world frame with vertices in
+    the mesh's own frame. One colour per triangle is enough, because triangles are half a pixel or less.
     """
     properties = mi.Properties()
     properties["mesh_bsdf"] = mi.load_dict(coated({"type": "mesh_attribute", "name": "face_color"}, gloss))

@@ -1,4 +1,4 @@
-"""Which pixels show which bodies of a Mitsuba scene."""
+"""Visibility masks: which pixels show given bodies of a Mitsuba scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gsbridge.reality.mirror.path_tracer import COMPILED
 
 
 def shows(mi: Any, scene: Any, sensor: Any, camera: Camera, names: Set[str]) -> Array:
-    """Whether the middle of each pixel shows one of some instances. [H, W] bool.
+    """Return whether the middle of each pixel shows one of the named instances. [H, W] bool.
 
     Args:
         mi: The Mitsuba module.
@@ -26,13 +26,14 @@ def shows(mi: Any, scene: Any, sensor: Any, camera: Camera, names: Set[str]) -> 
         return _instances_shown(mi, scene, sensor, camera, names)
     integrator = mi.load_dict({"type": "aov", "aovs": "shape:shape_index"})
     picture = np.array(mi.render(scene, sensor=sensor, integrator=integrator, seed=0))
-    # Mitsuba counts shapes from one here.
+    # In this integrator's output, Mitsuba numbers shapes from one.
     numbers = [number for number, shape in enumerate(scene.shapes(), 1) if shape.id() in names]
     return np.isin(np.rint(picture[..., -1]).astype(int), numbers)
 
 
 def _instances_shown(mi: Any, scene: Any, sensor: Any, camera: Camera, names: Set[str]) -> Array:
-    """The same for the compiled variant, which numbers shapes within instances: by what a ray through each pixel meets."""
+    """Do the same for the compiled variant, by tracing a ray through each pixel: its `shape_index` numbers the shapes inside
+    instances, not the instances."""
     import drjit
 
     index = np.arange(camera.width * camera.height)

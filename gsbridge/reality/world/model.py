@@ -1,8 +1,8 @@
 """The MuJoCo model of a world: the robot's description, the table, the plate and the true object.
 
-MuJoCo reads the URDF, but leaves open what a URDF cannot say. Set here: rotor inertias (without them the servos are unstable),
-gravity compensation, servos, stiff couplings of the fingers, and which bodies may touch: neighbouring links of the arm overlap
-in their hulls and must not.
+MuJoCo reads the URDF. This module adds what a URDF cannot express: rotor inertias (without them the servos are unstable),
+gravity compensation, servos, stiff couplings of the fingers, and which bodies may collide. Neighbouring links of the arm must
+not collide, because their hulls overlap.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ STEP = 0.001
 OBJECT, TABLE, PLATE = "object", "table", "plate"
 
 _ARM_BITS, _STATIC_BITS, _OBJECT_BITS = (1, 0), (2, 1), (4, 3)
-"""`contype`, `conaffinity`: the object touches everything, the robot the table and the plate, but never itself."""
+"""`contype`, `conaffinity`: the object collides with everything; the robot collides with table, plate and object, but not with
+itself."""
 
 _SLIPPERY = (0.01, 0.0, 0.0)
-"""MuJoCo takes the larger friction of a pair, so one partner carries the pair's value and the object almost none."""
+"""Friction of the object. MuJoCo uses the larger friction of two bodies in contact, so the other body sets the value."""
 
 _HAND_FRICTION = 0.3
 """Sliding friction of the robot's metal and plastic."""
@@ -35,8 +36,8 @@ _HAND_FRICTION = 0.3
 _STIFFNESS = (9000.0, 10000.0, 5000.0, 5000.0, 1200.0, 1000.0, 400.0)
 _DAMPING = (350.0, 380.0, 160.0, 160.0, 30.0, 25.0, 9.0)
 _ROTORS = (1.0, 1.0, 0.6, 0.6, 0.2, 0.15, 0.1)
-"""Servo gains, N m/rad and N m s/rad, and rotor inertias seen from the joint, kg m2: stiffer and heavier than any simulation
-of this robot has to assume; about 7 Hz at the arm's foot and 12 Hz at the wrist."""
+"""Servo gains, N m/rad and N m s/rad, and rotor inertias reflected to the joint, kg m2. They are stiffer and heavier than a
+simulation of this robot has to assume; the natural frequency is about 7 Hz at the arm's foot and 12 Hz at the wrist."""
 
 _VISCOUS = (1.5, 1.5, 0.8, 0.8, 0.4, 0.4, 0.3)
 """Viscous friction of the arm's joints, N m s/rad."""
@@ -53,7 +54,7 @@ class Stand:
     """Poses of robot, object and plate in the world.
 
     Args:
-        base_from_table: True place of the table. [4, 4].
+        base_from_table: True pose of the table. [4, 4].
         plate: x, y of the plate's centre, table frame, m; None without a plate.
     """
 
@@ -67,8 +68,8 @@ def build_model(
     """Compile the model of a world, table frame.
 
     Args:
-        robot: The robot; its camera stands where it truly stands.
-        stand: Places of table and plate.
+        robot: The robot, with the true pose of its camera.
+        stand: Poses of table and plate.
         body: The true object; None for a bare table.
         plate_pieces: Corners of the plate's convex pieces, own frame, m; used when `stand.plate` is given. [N, 3] each.
         hidden: Hidden parameters.
@@ -83,7 +84,7 @@ def build_model(
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 10.0
-    # A broken state must show as such; by default MuJoCo starts it over without a word.
+    # A diverged state must be noticed; by default MuJoCo resets it without a report.
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     _robot(spec, robot, stand, hidden)
     solref = (hidden.contact_time, 1.0)
@@ -107,7 +108,7 @@ def build_model(
 
 
 def _touch(bits: tuple[int, int]) -> dict[str, int]:
-    """What a geom may touch, and contacts that resist sliding and spinning."""
+    """Return the collision bits of a geom, and `condim` 4: its contacts resist sliding and spinning."""
     return {"contype": bits[0], "conaffinity": bits[1], "condim": 4}
 
 
@@ -128,7 +129,7 @@ def _piece(
 
 
 def _robot(spec: Any, robot: RobotFiles, stand: Stand, hidden: Hidden) -> None:
-    """Complete the robot that was read from its URDF."""
+    """Add to the robot, as read from its URDF, what the URDF cannot express."""
     record, arm = robot.record, tuple(robot.record["arm_joints"])
     table_from_base = np.linalg.inv(stand.base_from_table)
     base = spec.body(record["base"])
@@ -148,7 +149,7 @@ def _robot(spec: Any, robot: RobotFiles, stand: Stand, hidden: Hidden) -> None:
             geom.solref = (hidden.contact_time, 1.0)
     for index, name in enumerate(arm):
         joint = spec.joint(name)
-        # MuJoCo alone knows: whoever plans or measures has the drawings.
+        # Only MuJoCo's model has these offsets: planning and measuring use the nominal link dimensions.
         link = joint.parent
         link.pos = np.array(link.pos) + hidden.link_offset[3 * index : 3 * index + 3]
         joint.armature = _ROTORS[index] * hidden.inertia[index]
@@ -170,12 +171,12 @@ def _robot(spec: Any, robot: RobotFiles, stand: Stand, hidden: Hidden) -> None:
 
 
 def _linear(coefficient: float) -> Array:
-    """Damping proportional to speed, in MuJoCo's form of a polynomial. [3]."""
+    """Return damping proportional to speed as coefficients of MuJoCo's damping polynomial. [3]."""
     return np.array([coefficient, 0.0, 0.0])
 
 
 def _servo(spec: Any, joint: str, gain: float, bias: list[float], latency: float) -> None:
-    """Add an actuator whose torque is `gain * command + bias . (1, angle, speed)`, its command late by `latency`."""
+    """Add an actuator with the torque `gain * command + bias . (1, angle, speed)`; its command is delayed by `latency`, s."""
     servo = spec.add_actuator(
         trntype=mujoco.mjtTrn.mjTRN_JOINT,
         target=joint,

@@ -1,4 +1,4 @@
-"""The mirror's physics in the loop: commands of the tool in, state of robot and object out."""
+"""The mirror's physics: takes commands for the tool and returns the state of robot and object."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _GRIP_SPEED = 0.15
 """Speed at which the pads are driven towards each other, m/s."""
 
 _PLATE_DETAIL = 2.0
-"""Spacing of the plate's mesh behind its pieces, of that in films."""
+"""Vertex spacing of the mesh from which the plate's pieces are cut, as a multiple of the spacing in films."""
 
 _SETTLE = 0.05
-"""Time for the object to find its rest at the beginning of an episode, s."""
+"""Time for the object to settle at the beginning of an episode, s."""
 
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-"""Warnings behind which MuJoCo puts everything back to where it began, and goes on."""
+"""Warnings of a diverged state, which MuJoCo by default resets to the initial state before it goes on."""
 
 
 class MirrorPhysics:
@@ -43,15 +43,15 @@ class MirrorPhysics:
 
     Args:
         robot: The robot's files.
-        stand: Places of table and plate.
-        body: The true object; None for a bare table (then `state` is not to be had).
+        stand: Poses of table and plate.
+        body: The true object; None for a bare table (`state` then raises an error).
         hidden: Hidden parameters.
         plate: Corners of the plate's convex pieces, own frame, m. [N, 3] each.
 
     Attributes:
-        commanded_from: `base_from_table` by which commands become postures: the true one, until whoever commands sets what the
-            registration made them believe. [4, 4].
-        refused: Commands that no posture of the arm reaches; it then holds the nearest one it found.
+        commanded_from: `base_from_table` with which commands become postures: the true one, until the caller sets the one that
+            the registration found. [4, 4].
+        refused: Number of commands that no posture of the arm reaches; the arm then goes to the nearest posture found.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class MirrorPhysics:
         hidden: Hidden,
         plate: list[Array] | None = None,
     ) -> None:
-        # Otherwise MuJoCo writes its warnings into a file in whatever folder one is.
+        # Without a handler, MuJoCo writes its warnings into a file in the current folder.
         mujoco.set_mju_user_warning(logger.warning)
         self.robot, self.stand, self.body, self.hidden = robot, stand, body, hidden
         self.commanded_from = stand.base_from_table
@@ -84,7 +84,7 @@ class MirrorPhysics:
         self._pull = np.zeros(4)
         self.refused = 0
         self._period = round(1.0 / (CONTROL_HZ * STEP))
-        # What pictures that take their time have seen of this period; kept only where there are such.
+        # Joint positions at every physics step of this period, for pictures with an exposure time; kept only for those.
         self._trail: list[Array] = []
         self._remembers = hidden.exposure_time + hidden.readout > 0.0
         self._shade = mujoco.MjData(model)
@@ -93,10 +93,10 @@ class MirrorPhysics:
         self.place(self.kinematics.rest, self.dimensions.stroke)
 
     def reset(self, object_pose: Array, seed: int) -> None:
-        """Begin an episode: see `World.reset`. The object is put at x, y, yaw [3] and settles before the first step.
+        """Begin an episode: see `World.reset`. The object is put at x, y (m), yaw (rad) [3] and settles before the first step.
 
         Raises:
-            InputError: The pose is no such pose, or the physics diverged.
+            InputError: The pose is not three finite numbers, or the physics diverged.
         """
         pose = np.asarray(object_pose, dtype=np.float64)
         if pose.shape != (3,) or not np.isfinite(pose).all():
@@ -112,13 +112,13 @@ class MirrorPhysics:
         self._feel()
 
     def place(self, q: Array, aperture: float, object_pose: Array | None = None) -> None:
-        """Put everything somewhere at once, at rest and holding: for photos at chosen postures.
+        """Put robot and object at given poses at once, at rest and with the servos holding; used for photos of chosen postures.
 
         Args:
-            q: Arm joints, rad. [7].
-            aperture: Distance of the pads, m.
-            object_pose: x, y (m) and yaw (rad) on the table, or a whole `table_from_object`, as of an object in the hand; None
-                puts the object out of sight. [3] or [4, 4].
+            q: Arm joints as the encoders measure them, rad. [7].
+            aperture: Distance between the pads, m.
+            object_pose: x, y (m) and yaw (rad) on the table, or a full `table_from_object`, for example of an object in the
+                hand; None puts the object out of sight. [3] or [4, 4].
 
         Raises:
             InputError: The pose is neither.
@@ -127,7 +127,7 @@ class MirrorPhysics:
         mujoco.mj_resetData(model, data)
         self._trail = []
         angle = float(self.dimensions.angle(aperture))
-        # Whoever puts the arm somewhere does it by its encoders.
+        # The caller gives encoder readings, so the encoders' offset is taken off.
         data.qpos[self._q[:-1]] = self.limits.clip(q) - self._offset[:-1]
         for address, factor in self._fingers.items():
             data.qpos[address] = factor * angle
@@ -144,14 +144,14 @@ class MirrorPhysics:
         mujoco.mj_forward(model, data)
 
     def command(self, position: Array, yaw: float, aperture: float) -> None:
-        """Set the target that `step` moves to and holds; one out of reach is approached as far as possible, and counted.
+        """Set the target that `step` moves to and holds; a target out of reach is approached as far as possible, and counted.
 
-        Some commands are lost by chance, and nobody is told.
+        A command may be lost at random (`Hidden.lost_commands`); the caller is not told.
 
         Args:
             position: Tool point, table frame, m. [3].
             yaw: Turn of the tool about the vertical, 0 with the camera's side along the table's x, rad.
-            aperture: Distance of the pads, m; cut to the gripper's stroke.
+            aperture: Distance between the pads, m; cut to the gripper's stroke.
 
         Raises:
             InputError: The target is not finite.
@@ -168,11 +168,11 @@ class MirrorPhysics:
         self._goal = np.append(found.q, np.clip(aperture, 0.0, self.dimensions.stroke))
 
     def step(self) -> None:
-        """Advance one control period: the set point moves evenly, no faster than joints and gripper allow. Where the command is
-        late by chance, the set point rests until then, and does not make up for it.
+        """Advance one control period: the set point moves evenly, no faster than joints and gripper allow.
 
-        The gripper's starts at the fingers, and lies beyond them only on the side to which they are to go: pads that press on
-        something let go when told to, not when a set point deep inside the object has come back out.
+        If the command is late (`Hidden.latency_jitter`), the set point waits that long and does not catch up afterwards. The
+        gripper's set point may run ahead of the fingers only in the commanded direction, and only as far as the grip force
+        needs. Otherwise pads that press on an object would let go late, after the set point has come back out of the object.
 
         Raises:
             InputError: The physics diverged.
@@ -201,14 +201,14 @@ class MirrorPhysics:
             self._feel()
         self.check_sound()
         self._pull /= self._period
-        # Poses that belong to the positions just reached; a step leaves those of its begin.
+        # Update the poses to the positions just reached; `mj_step` leaves the poses from the beginning of the step.
         mujoco.mj_kinematics(self.model, self.data)
 
     def check_sound(self) -> None:
-        """Refuse to go on from a state that MuJoCo made up.
+        """Refuse to go on from a diverged state.
 
         Raises:
-            InputError: The physics diverged since everything was last put somewhere.
+            InputError: The physics diverged since the last call of `place` or `reset`.
         """
         if any(self.data.warning[kind].number for kind in _DIVERGED):
             raise InputError(
@@ -216,24 +216,27 @@ class MirrorPhysics:
             )
 
     def _lateness(self) -> int:
-        """Physics steps by which this period's command comes late by chance."""
+        """Draw the number of physics steps by which this period's command is late."""
         if self.hidden.latency_jitter == 0.0:
             return 0
         return round(self._delays.uniform(0.0, self.hidden.latency_jitter) / STEP)
 
     def _control(self, point: Array, speed: Array) -> None:
-        """Hand a set point to the servos. [8], [8]: arm joints as their encoders see them, and aperture."""
+        """Send a set point and its speed to the servos: arm joints, rad, as the encoders measure them, and aperture, m. [8]."""
         data, arm = self.data, len(point) - 1
         data.ctrl[:arm] = point[:-1] - self._offset[:-1]
         data.ctrl[arm : 2 * arm] = speed[:-1]
         data.ctrl[-1] = self.dimensions.angle(point[-1])
-        # The motor's torque that presses the pads with the set force grows with the lever.
+        # The torque at which the pads press with the set force grows with the lever arm of the finger.
         most = self.hidden.grip_force * float(self.dimensions.aperture_rate(data.qpos[self._q[-1]]))
         self.model.actuator_forcelimited[-1] = 1
         self.model.actuator_forcerange[-1] = -most, most
 
     def _feel(self) -> None:
-        """Add up the normal forces: left pad, right pad, robot on table or plate, object on table or plate."""
+        """Add this step's normal forces, N, to `_pull`, in the order of `_PAIRS`.
+
+        The pairs are: object on left pad, object on right pad, robot on table or plate, object on table or plate.
+        """
         contact = self.data.contact
         if not self.data.ncon:
             return
@@ -246,14 +249,14 @@ class MirrorPhysics:
             self._pull[row] += force[(pairs & pair) == pair].sum()
 
     def _pose(self, body: int, data: mujoco.MjData | None = None) -> Array:
-        """table_from_body. [4, 4]."""
+        """Return `table_from_body` of a body, in the current or another state of the simulation. [4, 4]."""
         out, data = np.eye(4), self.data if data is None else data
         out[:3, :3] = data.xmat[body].reshape(3, 3)
         out[:3, 3] = data.xpos[body]
         return out
 
     def state(self) -> State:
-        """The true state: see `World.state`.
+        """Return the true state: see `World.state`.
 
         Raises:
             InputError: The world has no object.
@@ -271,7 +274,7 @@ class MirrorPhysics:
             object_position=data.xpos[body][None].copy(),
             object_quat=quat[None].copy(),
             object_velocity=data.qvel[None, start : start + 3].copy(),
-            # The speed of a free body's rotation is given in the body's axes.
+            # MuJoCo gives the angular velocity of a free body in the body's axes.
             object_spin=(rotation_from_quat(quat) @ data.qvel[start + 3 : start + 6])[None],
             object_clearance=clearance(self.body.hull, data.xpos[body][None], quat[None]),
             robot_contact=self._pull[2:3].copy(),
@@ -279,9 +282,9 @@ class MirrorPhysics:
         )
 
     def joints(self) -> tuple[Array, Array, Array]:
-        """What the robot measures, noise included: see `World.joints`."""
+        """Return the robot's measurements, noise included: see `World.joints`."""
         noise = self._rng.standard_normal((3, len(self._q)))
-        # Speed is the difference of two angles, so its noise is theirs over the time between.
+        # Speed is measured as the difference of two angles, so its noise is the angle noise divided by the control period.
         speed_noise = self.hidden.encoder_noise * CONTROL_HZ
         return (
             self.data.qpos[self._q] + self._offset + self.hidden.encoder_noise * noise[0],
@@ -290,18 +293,18 @@ class MirrorPhysics:
         )
 
     def body_poses(self) -> Mapping[str, Array]:
-        """`table_from_body` of the object, of every link of the robot, and of the plate where there is one. Each [4, 4]."""
+        """Return `table_from_body` of the object, every link of the robot, and the plate where there is one. Each [4, 4]."""
         return {name: self._pose(body) for name, body in self._links.items()}
 
     def camera_pose(self) -> Array:
-        """True `cam_from_table` of the wrist camera. [4, 4]."""
+        """Return the true `cam_from_table` of the wrist camera. [4, 4]."""
         return np.linalg.inv(self._pose(self._links["camera"]))
 
     def moment(self, before: float) -> tuple[Mapping[str, Array], Array]:
-        """Poses as in `body_poses` and `camera_pose` at an earlier moment of the last control period, since pictures take time.
+        """Return `body_poses` and `camera_pose` at an earlier moment of the last control period, for pictures that take time.
 
         Args:
-            before: How long ago, s; where nothing has moved since the beginning, it was as it is.
+            before: Time before now, s. Before the first step of an episode, the current poses are returned.
         """
         if not self._trail:
             return self.body_poses(), self.camera_pose()
@@ -313,7 +316,7 @@ class MirrorPhysics:
 
 
 def _free_joint(pose: ArrayLike) -> Array:
-    """Position and quaternion of a body that stands at x, y, yaw, or has a whole pose. [3] or [4, 4] -> [7]."""
+    """Return position and quaternion of a body given by x, y, yaw on the table, or by a full pose. [3] or [4, 4] -> [7]."""
     pose = np.asarray(pose, dtype=np.float64)
     if pose.shape == (4, 4):
         pose = check_rigid(pose, "object pose")
@@ -329,7 +332,7 @@ _PAIRS = (_LEFT | _BODY, _RIGHT | _BODY, _ROBOT | _STATIC, _BODY | _STATIC)
 
 
 def _sides(model: mujoco.MjModel, pads: list[str]) -> Array:
-    """Which side of a contact each geom is, as bits. [number of geoms]."""
+    """Return for each geom the kind of body it belongs to (`_LEFT`, `_RIGHT`, ...), as bits. [number of geoms]."""
     out = np.full(model.ngeom, _ROBOT)
     for index in range(model.ngeom):
         geom, body = model.geom(index), model.body(model.geom_bodyid[index]).name
@@ -351,14 +354,14 @@ def build_physics(
     pieces: str | Path,
     seed: int,
 ) -> MirrorPhysics:
-    """The mirror's physics around one of its objects.
+    """Build the mirror's physics with one of its objects.
 
     Args:
         robot: The robot's files.
-        stand: Places of table and plate.
+        stand: Poses of table and plate.
         name: One of the mirror's objects, or None.
         hidden: Hidden parameters.
-        pieces: Folder that keeps convex pieces from run to run.
+        pieces: Folder in which convex pieces are cached between runs.
         seed: Seed of the world's textures and shapes, as in its films.
 
     Raises:
