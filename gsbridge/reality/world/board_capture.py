@@ -1,6 +1,6 @@
-"""A board capture in the mirror: the arm goes to planned poses, the wrist camera photographs the board.
+"""A board capture in the mirror: the arm goes to planned poses, and the wrist camera photographs the board from each.
 
-The poses are planned from the nominal layout, as a person would plan them; photos and joint angles are those of the true one.
+The poses are planned from the nominal layout, as a person would plan them. Photos and joint angles come from the true layout.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ logger = logging.getLogger("gsbridge")
 
 
 def full_camera(width: int, height: int) -> Camera:
-    """The wrist camera's whole picture; the policy's square one is its middle.
+    """Return the wrist camera with its full picture; the policy's square picture is the middle of it.
 
     Args:
         width: Width of a photo, px, at least `height`.
         height: Height of a photo, px.
 
     Raises:
-        InputError: The picture is higher than wide.
+        InputError: The picture is higher than wide, or its height is not positive.
     """
     if not 0 < height <= width:
         raise InputError("config: board_film", f"{width} x {height} px is no lying picture", "Ask for width >= height")
@@ -60,14 +60,14 @@ def film_board(
     """Photograph the board from many poses of the mirror's arm.
 
     Args:
-        out_capture: Folder for the photos, `arm.csv` and `camera.json`, as `read_board_capture` takes them.
-        out_truth: File for the true places, for scores only.
+        out_capture: Folder for the photos, `arm.csv` and `camera.json`, as `read_board_capture` reads them.
+        out_truth: File for the true poses of table and camera, which only scores may use.
         board: The board on the table.
         settings: Number and size of the photos.
         threads: Threads to render with.
         seed: Seed of textures, poses and noise.
         hidden: Hidden parameters of the world.
-        background: What the board lies on.
+        background: Background on which the board lies.
 
     Raises:
         InputError: The size of the photos makes no sense, or the background is unknown.
@@ -86,7 +86,7 @@ def film_board(
     with atomic_directory(out_capture) as place:
         names, measured = [], []
         for index, q in enumerate(wanted):
-            # Closed, the hand hides least of the board; at rest, nothing is blurred.
+            # The closed hand hides the least of the board, and an arm at rest gives no blur.
             physics.place(q, 0.0)
             room.move(physics.body_poses())
             names.append(f"pose_{index:02d}.png")
@@ -95,7 +95,7 @@ def film_board(
             write_image(place / names[-1], room.photo(camera, physics.camera_pose(), quality, grain))
             progress.update()
         write_arm_table(place / ARM_CSV, names, np.array(measured))
-        # The maker of a camera writes its intrinsics into it; so does the mirror's.
+        # A camera's maker stores the intrinsics in the camera, so the mirror gives them, too.
         write_camera(place / CAMERA_JSON, camera)
     write_json(
         out_truth,

@@ -1,4 +1,4 @@
-"""Pictures of good and bad captures for the guide to filming: what a phone would see in the mirror on an ordinary bad day."""
+"""Pictures of good and bad captures for the filming guide, as a phone would take them in a mirror world of severity 2."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from gsbridge.reality.world.layout import true_robot
 from gsbridge.reality.world.severity import Severity, worsened
 
 WORLD, SEVERITY = 7, 2
-"""Seed of the world that is photographed, and how bad a day it has."""
+"""Seed and severity of the world that is photographed."""
 WIDTH, HEIGHT, GAP, HEAD, FOOT = 480, 360, 12, 40, 54
 SPOT = (0.0, 0.185)
-"""Where the object stands, as in the films, table frame, m."""
+"""Position of the object, as in the films, table frame, m."""
 COLUMNS, MOST_BYTES = 4, 290_000
 GOOD, BAD = (24, 110, 62), (178, 38, 46)
 INK, PAPER = (29, 39, 51), (251, 252, 253)
@@ -35,13 +35,13 @@ class Example:
     """One picture of the guide.
 
     Args:
-        good: Whether this is the way to film.
-        text: What is right or wrong, one line.
-        azimuth_deg, elevation_deg, distance: Where the camera stands, seen from the point that it aims at; the distance in m.
-        aim: Point that is looked at, table frame, m; None for a point between object and board.
+        good: Whether this is a good way to film.
+        text: One line that says what is right or wrong.
+        azimuth_deg, elevation_deg, distance: Position of the camera as seen from the point that it aims at; the distance in m.
+        aim: Point at which the camera aims, table frame, m; None for a point between object and board.
         object: Whether the object is there.
-        exposure: Factor of the exposure.
-        blur_deg: Turn of the camera while the shutter is open.
+        exposure: Factor on the exposure.
+        blur_deg: Angle by which the camera turns while the shutter is open.
         board: Whether the board lies there.
     """
 
@@ -57,7 +57,7 @@ class Example:
     board: bool = True
 
     def poses(self) -> list[Array]:
-        """`cam_from_table` at the moments of the exposure. [4, 4] each."""
+        """Return `cam_from_table` at the moments of the exposure. [4, 4] each."""
         azimuth, elevation = np.radians([self.azimuth_deg, self.elevation_deg])
         across = np.array([np.cos(azimuth), np.sin(azimuth)]) * np.cos(elevation)
         aim = np.array(self.aim or (SPOT[0], 0.66 * SPOT[1], 0.02))
@@ -86,9 +86,9 @@ def draw_capture_guide(out: str | Path, threads: int, samples: int = 24) -> None
     """Photograph the examples and write them as one labelled sheet.
 
     Args:
-        out: JPEG.
+        out: JPEG file to write.
         threads: Threads to render with.
-        samples: Samples per pixel, at least.
+        samples: Least number of samples per pixel.
     """
     hidden = worsened(Hidden.draw(WORLD), WORLD, Severity(look=SEVERITY))
     rows = -(-len(EXAMPLES) // COLUMNS)
@@ -101,7 +101,7 @@ def draw_capture_guide(out: str | Path, threads: int, samples: int = 24) -> None
         picture = photo_of(example, hidden, threads, samples, number)
         x, y = GAP + number % COLUMNS * (WIDTH + GAP), HEAD + number // COLUMNS * (HEIGHT + FOOT)
         sheet.paste(Image.fromarray(picture), (x, y))
-        # Of a film's larger pictures more would be found: small ones are doubled first.
+        # Double the picture's size first: more tags are found in larger pictures, and a film's pictures are larger than these.
         tags = len(find_tags(cv2.resize(picture, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), standard_board("a4")))
         colour = GOOD if example.good else BAD
         draw.rectangle((x, y, x + WIDTH - 1, y + HEIGHT - 1), outline=colour, width=5)
@@ -117,13 +117,13 @@ def draw_capture_guide(out: str | Path, threads: int, samples: int = 24) -> None
 
 
 def photo_of(example: Example, hidden: Hidden, threads: int, samples: int, seed: int) -> Array:
-    """What a phone would take. uint8 [HEIGHT, WIDTH, 3].
+    """Take the photo that a phone would take. uint8 [HEIGHT, WIDTH, 3].
 
     Args:
-        example: What is photographed, from where.
-        hidden: The world.
+        example: The scene and the camera's pose and exposure.
+        hidden: Hidden parameters of the world.
         threads: Threads to render with.
-        samples: Samples per pixel of the whole exposure, at least.
+        samples: Samples per pixel of the whole exposure; each moment of it gets at least 4.
         seed: Seed of the samples and the noise.
     """
     setting = Setting("small_cube" if example.object else None, "foam_pad", "a4" if example.board else None)
@@ -141,7 +141,7 @@ def photo_of(example: Example, hidden: Hidden, threads: int, samples: int, seed:
 
 
 def _font(size: int) -> ImageFont.FreeTypeFont:
-    """Pillow's own font: the same on every machine."""
+    """Return the font that comes with Pillow, which is the same on every machine."""
     font = ImageFont.load_default(size)
     assert isinstance(font, ImageFont.FreeTypeFont)
     return font

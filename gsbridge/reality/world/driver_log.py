@@ -1,4 +1,4 @@
-"""What the driver of the mirror's arm would log: a row per cycle of its control loop, with the noise of its sensors."""
+"""Log of the driver of the mirror's arm: one row per cycle of its control loop, with the noise of its sensors."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from gsbridge.reality.world.pieces import plate_pieces
 from gsbridge.tasks.world import CONTROL_HZ
 
 _PLATE_DETAIL = 2.0
-"""Spacing of the plate's mesh behind its pieces, of that in films."""
+"""Vertex spacing of the mesh from which the plate's pieces are cut, as a multiple of the spacing in films."""
 
 
 WAIT = 0.5
-"""How long the arm is logged at rest before an episode, s."""
+"""Time for which the arm is logged at rest before an episode, s."""
 
 
 @dataclass(frozen=True)
 class DriverLog:
-    """Rows of one episode.
+    """The log of one episode, with T rows and N arm joints.
 
     Args:
         time: Times of the rows, s; the episode begins at `WAIT`. [T].
@@ -40,7 +40,7 @@ class DriverLog:
         command_velocity: Speeds sent with the commands, rad/s. [T, N].
         position: Measured angles, rad. [T, N].
         velocity: Measured speeds, rad/s. [T, N].
-        effort: Measured motor torques, what carries the weight included, N m. [T, N].
+        effort: Measured motor torques, including gravity compensation, N m. [T, N].
     """
 
     time: Array
@@ -52,7 +52,7 @@ class DriverLog:
 
 
 class LoggedPhysics(MirrorPhysics):
-    """The mirror's physics, which moves as it does without a log; the log's noise has a random stream of its own."""
+    """The mirror's physics with a log. The motion is the same as without it: the log's noise has its own random stream."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         self._logged: list[Array] = []
@@ -60,9 +60,9 @@ class LoggedPhysics(MirrorPhysics):
         super().__init__(*args, **options)
 
     def reset(self, object_pose: ArrayLike, seed: int) -> None:
-        """Begin an episode with the object at x, y, yaw [3].
+        """Begin an episode with the object at x, y (m), yaw (rad) [3].
 
-        The log starts earlier, while the arm waits: commands on their way then have a past.
+        The log starts `WAIT` s earlier, while the arm waits, so that delayed commands have a history at the episode's start.
         """
         self.place(self.kinematics.rest, self.dimensions.stroke)
         still = self._point.copy()
@@ -78,7 +78,7 @@ class LoggedPhysics(MirrorPhysics):
         self._logged, self._sent = waited, None
 
     def log(self) -> DriverLog:
-        """The log since the episode's begin; to be asked for once."""
+        """Return the log of the episode so far. Call this once per episode: another call draws other noise."""
         arm = len(self._q) - 1
         command, speed, position, velocity, effort = np.array(self._logged).reshape(-1, 5, arm).transpose(1, 0, 2)
         noise = self._grain.standard_normal((3, *position.shape))
@@ -87,20 +87,20 @@ class LoggedPhysics(MirrorPhysics):
             command,
             speed,
             position + self._offset[:-1] + self.hidden.encoder_noise * noise[0],
-            # The speed that the driver reports is as good as the one that `joints` tells.
+            # The speed that the driver reports has the same noise as the one from `joints`.
             velocity + self.hidden.encoder_noise * CONTROL_HZ * noise[1],
             effort + self.hidden.torque_noise * noise[2],
         )
 
     def _control(self, point: Array, speed: Array) -> None:
-        """Keep what is sent, and the state that it meets."""
+        """Send a set point, and keep it for the log together with the state at that time."""
         super()._control(point, speed)
         arm = len(point) - 1
         state = self.data.qpos[self._q[:arm]], self.data.qvel[self._v[:arm]]
         self._sent = np.stack([point[:arm], speed[:arm], *state])
 
     def _feel(self) -> None:
-        """Complete the row: after a step, torques are still those of its begin."""
+        """Complete the log's row with the torques, which after a step are still those at its beginning."""
         super()._feel()
         if self._sent is not None:
             joints = self._v[:-1]
@@ -110,12 +110,12 @@ class LoggedPhysics(MirrorPhysics):
 
 
 def logged_physics(setting: Setting, hidden: Hidden, *, pieces: str | Path) -> LoggedPhysics:
-    """The mirror's physics with a log of the driver, and without a camera.
+    """Build the mirror's physics with a log of the driver, and without a camera.
 
     Args:
-        setting: What stands in the room.
+        setting: Object and background in the room.
         hidden: Hidden parameters.
-        pieces: Folder that keeps convex pieces from run to run.
+        pieces: Folder in which convex pieces are cached between runs.
 
     Raises:
         InputError: Unknown object.

@@ -1,5 +1,7 @@
-"""What a camera's electronics make of the light, from picture to picture: exposure and white balance that follow late, lens
-errors that calibration left, compression, pictures that are dropped or late.
+"""The camera's electronics and lens errors.
+
+The electronics are automatic exposure and white balance, which follow the light with a lag, compression, and dropped or late
+pictures. The lens errors are those that remain after calibration.
 """
 
 from __future__ import annotations
@@ -12,16 +14,16 @@ from gsbridge.geometry import Array
 from gsbridge.reality.world.hidden import Hidden
 
 GREY, LAG = 0.18, 0.3
-"""Mean of linear light that the exposure aims at, and how late it and the white balance follow, s."""
+"""Mean linear light that automatic exposure aims at, and time constant of exposure and white balance, s."""
 
 _GAINS = 0.25, 4.0
 
 
 class Electronics:
-    """One camera at work in an episode.
+    """The electronics of one camera during an episode.
 
     Args:
-        hidden: Parameters of the world.
+        hidden: Hidden parameters of the world.
         period: Time from picture to picture, s.
     """
 
@@ -30,14 +32,14 @@ class Electronics:
         self.begin(0)
 
     def begin(self, seed: int) -> None:
-        """Begin an episode: the camera has looked at its first picture for a while."""
+        """Begin an episode. At its first picture, exposure and white balance are already settled."""
         self._rng = np.random.default_rng([seed, 5])
         self._gains: Array | None = None
         self._taken: Array | None = None
         self._given: Array | None = None
 
     def gains(self, light: Array) -> Array:
-        """Gain of each channel for a picture of this light, [H, W, 3]; for the next one they follow it. [3]."""
+        """Return each channel's gain for a picture of this light, [H, W, 3], and move the next gains towards it. [3]."""
         hidden = self.hidden
         if hidden.auto_exposure == 0.0 and hidden.auto_balance == 0.0:
             return np.ones(3)
@@ -49,7 +51,7 @@ class Electronics:
         return now
 
     def delivered(self, picture: Array) -> Array:
-        """What arrives in place of the picture just taken. uint8 [H, W, 3]."""
+        """Return the picture that the camera delivers: compressed, and at random late or the one before. uint8 [H, W, 3]."""
         hidden = self.hidden
         if hidden.compression > 0.0:
             picture = _compressed(picture, 100 - round(hidden.compression))
@@ -64,7 +66,7 @@ class Electronics:
 
 
 def _compressed(picture: Array, quality: int) -> Array:
-    """The picture after JPEG. uint8 [H, W, 3]."""
+    """Return the picture after JPEG compression. uint8 [H, W, 3]."""
     done, content = cv2.imencode(".jpg", np.ascontiguousarray(picture[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
         raise ValueError("the picture cannot be encoded")
@@ -75,30 +77,30 @@ class LensError:
     """A lens that differs from its calibration.
 
     Args:
-        camera: The camera as a calibration has it: a pinhole, principal point in the middle.
-        hidden: `distortion` and `focal_error`.
+        camera: The camera as calibrated: a pinhole with the principal point in the middle.
+        hidden: Hidden parameters, of which `distortion` and `focal_error` are used.
 
     Attributes:
-        wide: Pinhole whose picture holds all that the lens sees.
+        wide: Pinhole camera whose picture contains everything that the lens sees.
     """
 
     def __init__(self, camera: Camera, hidden: Hidden) -> None:
         x, y = (np.mgrid[: camera.height, : camera.width][::-1].reshape(2, -1) + 0.5) - [[camera.cx], [camera.cy]]
         bent = np.stack([x, y]) / (camera.fx * (1.0 + hidden.focal_error))
         straight = bent
-        # The inverse of x (1 + k r2) by its fixed point; errors here are far below a pixel after a few turns.
+        # Invert x (1 + k r2) by fixed-point iteration; the error is far below a pixel after a few iterations.
         for _ in range(20):
             straight = bent / (1.0 + hidden.distortion * (straight**2).sum(0))
         pixels = camera.fx * straight
         edge = max(1, int(np.ceil(np.abs(pixels).max(1) - [camera.width / 2, camera.height / 2]).max()) + 1)
         wide = camera.width + 2 * edge, camera.height + 2 * edge
         self.wide = Camera(*wide, camera.fx, camera.fy, wide[0] / 2, wide[1] / 2)
-        # OpenCV counts pixels from their centres.
+        # OpenCV has pixel centres at integers.
         columns, rows = pixels + 0.5 * np.array([[wide[0]], [wide[1]]]) - 0.5
         self._map_x = columns.reshape(camera.height, camera.width).astype(np.float32)
         self._map_y = rows.reshape(camera.height, camera.width).astype(np.float32)
 
     def __call__(self, light: Array) -> Array:
-        """Light of the `wide` pinhole as the lens shows it. [H, W, 3]."""
+        """Map light of the `wide` pinhole to the picture that the lens forms. [H, W, 3]."""
         light = np.ascontiguousarray(light, np.float32)
         return cv2.remap(light, self._map_x, self._map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

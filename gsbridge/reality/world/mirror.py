@@ -24,7 +24,7 @@ from gsbridge.robot.assembly import RobotFiles
 from gsbridge.tasks.world import CONTROL_HZ
 
 TRIAL = Quality(samples=32, depth=2)
-"""Quality of the pictures of trials, thousands of which are taken: direct light of lamp and sky with its shadows."""
+"""Picture quality for trials, which take thousands of pictures: direct light of lamp and sky, with shadows."""
 
 
 class MirrorWorld:
@@ -33,36 +33,36 @@ class MirrorWorld:
     Args:
         physics: Physics of the world.
         camera: Wrist camera of the world.
-        quality: Samples and depth of its pictures; None for those of trials.
+        quality: Samples and depth of the pictures; None for `TRIAL`.
     """
 
     def __init__(self, physics: MirrorPhysics, camera: MirrorCamera, quality: Quality | None = None) -> None:
         self.physics, self.camera, self.quality = physics, camera, quality or TRIAL
-        # Physics as it stands; only what concerns pictures is added here.
+        # These methods are those of the physics; this class adds only the pictures.
         self.command, self.state, self.joints = physics.command, physics.state, physics.joints
         self.body_poses, self.camera_pose = physics.body_poses, physics.camera_pose
         self._electronics = Electronics(camera.hidden, 1.0 / CONTROL_HZ)
-        # The picture of now, by its size and number.
+        # The current picture, by its size and the number of the control period.
         self._shown: dict[tuple[int, int], Array] = {}
         self._begin(0, 0)
 
     @property
     def refused(self) -> int:
-        """Commands out of reach in this episode."""
+        """Number of commands out of reach in this episode."""
         return self.physics.refused
 
     def reset(self, object_pose: Array, seed: int) -> None:
-        """Begin an episode with the object at x, y, yaw [3]; see `World.reset`."""
+        """Begin an episode with the object at x, y (m), yaw (rad) [3]; see `World.reset`."""
         self.physics.reset(object_pose, seed)
         self._begin(seed, 0)
 
     def place(self, q: Array, aperture: float, object_pose: Array | None = None, number: int = 0) -> None:
-        """Put everything somewhere at once: see `MirrorPhysics.place`.
+        """Put robot and object at given poses at once: see `MirrorPhysics.place`.
 
         Args:
-            q, aperture, object_pose: Arm joints, rad; distance of the pads, m; the object's pose as in `MirrorPhysics.place`.
-                [7], [3] or [4, 4].
-            number: Pictures of different numbers differ in their noise.
+            q, aperture, object_pose: Arm joints, rad [7]; distance between the pads, m; the object's pose as in
+                `MirrorPhysics.place` [3] or [4, 4].
+            number: Number of the picture; pictures with different numbers have different noise.
         """
         self.physics.place(q, aperture, object_pose)
         self._begin(0, number)
@@ -73,7 +73,7 @@ class MirrorWorld:
         self._steps += 1
 
     def image(self, size: int) -> Array:
-        """What the wrist camera sees now; asked twice, it is the same picture. uint8 [size, size, 3]."""
+        """Return the wrist camera's current picture; a second call in one period returns the same. uint8 [size, size, 3]."""
         asked = size, self._steps
         if asked not in self._shown:
             self._shown = {asked: self._shoot(wrist_camera(size))}
@@ -85,7 +85,7 @@ class MirrorWorld:
         self._electronics.begin(seed)
 
     def _shoot(self, camera: Camera) -> Array:
-        """A picture of now."""
+        """Take a picture of the current state. [H, W, 3] uint8."""
         hidden, lens = self.camera.hidden, self.camera.lens(camera)
         seed = int(np.random.SeedSequence([self._seed, self._steps]).generate_state(1)[0])
         pinhole = camera if lens is None else lens.wide
@@ -99,11 +99,11 @@ class MirrorWorld:
         return self._electronics.delivered(expose(light, hidden, np.random.default_rng([seed, 2]), gains))
 
     def _exposed(self, camera: Camera, seed: int) -> Array:
-        """Light that each row takes in its own time, while arm and object move. [H, W, 3]."""
+        """Render the light of a picture whose rows are exposed one after the other while arm and object move. [H, W, 3]."""
         hidden = self.camera.hidden
         parts = moments(hidden.exposure_time, hidden.readout, camera.height)
         light = np.zeros((camera.height, camera.width, 3))
-        # As many rays as a picture of one moment has.
+        # Use as many rays in total as a picture of a single moment.
         rays = sum(part.bottom - part.top for part in parts) / camera.height
         quality = replace(self.quality, samples=max(1, round(self.quality.samples / rays)))
         for number, part in enumerate(parts):
@@ -115,23 +115,23 @@ class MirrorWorld:
         return light
 
     def _move(self, poses: Mapping[str, Array], before: float) -> None:
-        """Put bodies where they were a moment ago, s, and whoever passes."""
+        """Set the poses of the bodies, and that of the passer as it was `before` s ago."""
         hidden = self.camera.hidden
         if hidden.passer > 0.0:
             seconds = self._steps / CONTROL_HZ - before
-            # Where the lamp is out, who passes takes the window's light.
+            # If the lamp is out, the passer crosses the light of the window instead.
             line = lamp_line(hidden) if hidden.lamp_dim < 1.0 else window_line(hidden)
             poses = {**poses, "passer": passer_pose(hidden, *line, self._seed, seconds)}
         self.camera.move(poses)
 
 
 def mirror_physics(setting: Setting, hidden: Hidden, *, pieces: str | Path) -> MirrorPhysics:
-    """The mirror's physics alone, for trials that need no picture.
+    """Build the mirror's physics alone, for trials that need no pictures.
 
     Args:
-        setting: What stands in the room.
+        setting: Object and background in the room.
         hidden: Hidden parameters.
-        pieces: Folder that keeps convex pieces from run to run.
+        pieces: Folder in which convex pieces are cached between runs.
 
     Raises:
         InputError: Unknown object.
@@ -148,14 +148,14 @@ def mirror_world(
     threads: int = 1,
     quality: Quality | None = None,
 ) -> MirrorWorld:
-    """The mirror with its wrist camera, robot and table where they truly are: what policies are judged in.
+    """Build the mirror in which policies are judged, with wrist camera and table at their true poses.
 
     Args:
-        setting: What stands in the room.
+        setting: Object, background and board in the room.
         hidden: Hidden parameters: `Hidden.draw(seed)`, or see `gsbridge.reality.world.world_variants`.
-        pieces: Folder that keeps convex pieces from run to run.
+        pieces: Folder in which convex pieces are cached between runs.
         threads: Threads to render with.
-        quality: Samples and depth of its pictures.
+        quality: Samples and depth of the pictures; None for `TRIAL`.
 
     Raises:
         InputError: Unknown object or background.
@@ -185,16 +185,16 @@ def build_mirror(
     threads: int = 1,
     quality: Quality | None = None,
 ) -> MirrorWorld:
-    """A world of the mirror.
+    """Build a world of the mirror with a given robot and table pose.
 
     Args:
         setting: Object, background, board, seed of textures.
         robot: The robot with its true camera pose.
-        base_from_table: True place of the table. [4, 4].
-        hidden: Hidden parameters: `Hidden.draw(seed)`, or that `.changed(...)` for a further world.
-        pieces: Folder that keeps convex pieces from run to run.
+        base_from_table: True pose of the table. [4, 4].
+        hidden: Hidden parameters: `Hidden.draw(seed)`, or `Hidden.draw(seed).changed(...)` for a further world.
+        pieces: Folder in which convex pieces are cached between runs.
         threads: Threads to render with.
-        quality: Samples and depth of its pictures.
+        quality: Samples and depth of the pictures; None for `TRIAL`.
 
     Raises:
         InputError: Unknown object or background.

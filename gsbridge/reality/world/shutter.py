@@ -1,4 +1,4 @@
-"""When each row of a picture takes its light, while everything moves."""
+"""Rolling shutter and exposure time: which moments each row of a picture sees while the scene moves."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from gsbridge.geometry import Array
 
 _SHORTEST, _BLUR, _SHEAR = 1e-3, 4e-3, 8e-3
-"""Shortest exposure of a row, and how far apart moments are at most, of one exposure and of the whole picture, s: at half a
-metre per second, half a metre before the camera, things move by less than a pixel of 64 in the latter. Every moment costs time:
-bodies have to be moved in the scene."""
+"""Shortest exposure of a row, and largest spacing of the moments within one row's exposure and within the whole picture, s. At
+0.5 m/s and 0.5 m from the camera, a body moves by less than a pixel of a 64 px picture within the last of these times. More
+moments would cost time, because each moves the bodies in the scene."""
 
 
 @dataclass(frozen=True)
@@ -19,9 +19,9 @@ class Moment:
     """A moment that some rows of a picture see.
 
     Args:
-        before: How long before now, s.
-        top, bottom: Rows that see it.
-        weights: Share of each of these rows' light. [bottom - top].
+        before: Time before now, s.
+        top, bottom: First row that sees the moment, and the row after the last.
+        weights: Share of each row's light that comes from this moment. [bottom - top].
     """
 
     before: float
@@ -31,12 +31,12 @@ class Moment:
 
 
 def moments(exposure: float, readout: float, rows: int) -> list[Moment]:
-    """Moments of which a picture is the sum; the last row ends now.
+    """Return the moments whose weighted sum is a picture; the exposure of the last row ends now.
 
     Args:
-        exposure: How long a row takes light, s.
-        readout: From the first row to the last, s.
-        rows: Rows of the picture.
+        exposure: Exposure time of a row, s.
+        readout: Time from the first row to the last, s.
+        rows: Number of rows of the picture.
     """
     exposure = max(exposure, _SHORTEST)
     window = exposure + readout

@@ -1,4 +1,4 @@
-"""What surfaces are made of: matt, or with a sheen whose highlights move with the camera."""
+"""Materials of surfaces: matt, or glossy with highlights that move with the camera."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
 
 _ROUGH, _SMOOTH = 0.7, 0.1
-"""Roughness at the first trace of gloss, and of a wet surface."""
+"""Roughness in the limit of no gloss, and at gloss 1 (a wet surface)."""
 
 _DIELECTRIC = 0.5
-"""Mitsuba's `specular` of plastic, lacquer, glaze and water: 4 % of the light that falls on them head on."""
+"""Mitsuba's `specular` of plastic, lacquer, glaze and water: they reflect 4 % of light that falls on them perpendicularly."""
 
 
 def coated(colour: Any, gloss: float) -> dict[str, Any]:
-    """Description of a surface of a colour, for Mitsuba.
+    """Describe a surface of a colour and gloss for Mitsuba.
 
     Args:
-        colour: Reflectance: a texture of Mitsuba's, or its description.
+        colour: Reflectance: a Mitsuba texture, or its description.
         gloss: 0 matt, 0.45 rough plastic, 0.9 lacquer, 1 wet.
 
     Source: Burley, "Physically based shading at Disney", 2012, as Mitsuba's `principled` has it.
@@ -32,13 +32,13 @@ def coated(colour: Any, gloss: float) -> dict[str, Any]:
 
 
 def painted(mi: Any, name: str, mesh: Mesh, normals: Array, gloss: float) -> Any:
-    """A Mitsuba mesh with one colour per vertex, for what does not move.
+    """Return a Mitsuba mesh with one colour per vertex, for bodies that do not move.
 
     Args:
         mi: The Mitsuba module.
         name: Name of the shape.
         mesh: Mesh with linear colours, m.
-        normals: Normals of its vertices. [V, 3].
+        normals: Normals of the mesh's vertices. [V, 3].
         gloss: See `coated`.
     """
     properties = mi.Properties()
@@ -49,7 +49,7 @@ def painted(mi: Any, name: str, mesh: Mesh, normals: Array, gloss: float) -> Any
 
 
 def filled(mi: Any, shape: Any, mesh: Mesh, normals: Array | None = None) -> Any:
-    """A Mitsuba mesh with its vertices and triangles.
+    """Fill a Mitsuba mesh with vertices and triangles, and return it.
 
     Args:
         mi: The Mitsuba module.

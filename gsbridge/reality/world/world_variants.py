@@ -1,7 +1,7 @@
 """Further worlds of the mirror: the same laboratory on another day, or with named hidden changes.
 
-The **laboratory** is where the table stands and how the wrist camera is mounted. It is drawn by the configuration's seed in
-every world, so that one registration holds for all of them; a world's own seed and severity draw all else that is hidden.
+The **laboratory** is the pose of the table and of the wrist camera. In every world it is drawn with the configuration's seed,
+so that one registration holds for all worlds. All other hidden parameters are drawn with the world's own seed and severity.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ def world_variant(
     source: str = "worlds",
     severity: Severity | None = None,
 ) -> Hidden:
-    """Hidden parameters of a world.
+    """Return the hidden parameters of a world.
 
     Args:
-        laboratory: Seed of the laboratory; the configuration's.
-        seed: Seed of the rest; the laboratory's gives the mirror itself.
+        laboratory: Seed of the laboratory, which is the configuration's seed.
+        seed: Seed of all other hidden parameters; the laboratory's seed gives the mirror itself.
         changes: Values by name of a hidden parameter; a single number for a parameter of several values sets them all.
-        source: Where the names were written, for the message.
-        severity: How bad a day it is; None for severity 0.
+        source: Where the names were written, for the error message.
+        severity: Severity of the world; None for severity 0.
 
     Raises:
-        InputError: Unknown name, or a value that makes no sense.
+        InputError: A name is unknown, or a value is not possible.
     """
     home = Hidden.draw(laboratory)
     day = worsened(Hidden.draw(seed), seed, severity or Severity()).changed({name: getattr(home, name) for name in LABORATORY})
@@ -40,12 +40,12 @@ def world_variant(
 
 
 def configured_world(laboratory: int, world: Mapping[str, Any], name: str) -> Hidden:
-    """Hidden parameters of a world as the configuration has it.
+    """Return the hidden parameters of a world of the configuration.
 
     Args:
         laboratory: Seed of the laboratory.
-        world: Its `seed`, `severity` and `hidden`.
-        name: Its name, for the message.
+        world: The world's `seed`, `severity` and `hidden`.
+        name: The world's name, for the error message.
 
     Raises:
         InputError: As `world_variant`.
