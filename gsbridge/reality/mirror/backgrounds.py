@@ -1,7 +1,7 @@
 """The mirror's table tops: a foam pad, a woven tablecloth, and the foam pad with a painted plate.
 
-A table top is a picture in linear reflectance, 0.5 mm per pixel, first row at the far (+y) edge of the table, so that it reads
-the right way round from above.
+A table top is a picture in linear reflectance, 0.5 mm per pixel. Its first row is at the far (+y) edge of the table, so that it
+is not mirrored when seen from above.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ WORK_CENTRE_M = (0.0, 0.265)
 """Centre of the 30 x 30 cm working area in the table frame, m."""
 PLATE_CENTRE_M = (0.02, 0.285)
 PLATE_WELL_M = 0.004
-"""Height of the plate's well over the table, m: what lies in it rests on that."""
+"""Height of the plate's well over the table, m: objects in the plate rest at this height."""
 
 PIXELS_PER_M = 2000.0
 
@@ -44,12 +44,12 @@ def _dots(image: Array, count: int, radius: tuple[float, float], values: Array, 
 
 
 def _byte_paint(reflectance: Array) -> Array:
-    """Reflectance as 8 bits on a square-root scale, where OpenCV paints with anti-aliasing."""
+    """Convert reflectance to 8 bits on a square-root scale, because OpenCV draws anti-aliased only in 8 bits."""
     return np.rint(255 * np.sqrt(np.clip(reflectance, 0, 1))).astype(np.uint8)
 
 
 def _foam_pad(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Light grey-blue foam: fine cells, speckle, smudges and scuffs, none of which repeats."""
+    """Paint light grey-blue foam with fine cells, speckle, smudges and scuffs, none of which repeats."""
     grain = 0.07 * plane_noise(shape, 0.9, rng) + 0.05 * plane_noise(shape, 2.0, rng) + 0.04 * plane_noise(shape, 5, rng)
     smudge = 0.06 * plane_noise(shape, 14, rng) + 0.06 * plane_noise(shape, 45, rng) + 0.05 * plane_noise(shape, 140, rng)
     tint = 0.03 * plane_noise(shape, 70, rng)
@@ -69,7 +69,7 @@ def _foam_pad(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 
 
 def _tablecloth(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Brown woven checks (a repeating pattern) with a hand-printed floral pattern and stains that do not repeat."""
+    """Paint brown woven checks, which repeat, with a hand-printed floral pattern and stains, which do not."""
     rows, columns = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32)
     bend_x, bend_y = 5 * plane_noise(shape, 120, rng), 5 * plane_noise(shape, 120, rng)
     u, v = columns + bend_x, rows + bend_y
@@ -118,7 +118,7 @@ def _tablecloth(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 
 
 def table_texture(background: str, seed: int) -> Array:
-    """Reflectance of a table top. [H, W, 3] float32 linear, first row at the far (+y) edge.
+    """Return the linear reflectance of a table top, first row at the far (+y) edge. [H, W, 3] float32.
 
     Args:
         background: One of `BACKGROUNDS`.
@@ -135,14 +135,14 @@ def table_texture(background: str, seed: int) -> Array:
 
 
 def make_plate(seed: int, detail: float = 1.0) -> tuple[Mesh, Array]:
-    """A ceramic plate of 200 mm, 20 mm tall, with a painted rim; own frame, standing on z = 0.
+    """Make a ceramic plate of 200 mm, 20 mm tall, with a painted rim; own frame, standing on z = 0.
 
     Args:
-        seed: Seed of its paint.
-        detail: Spacing of the mesh, 1 for 0.9 mm; larger is coarser and faster.
+        seed: Seed of the paint.
+        detail: Vertex spacing of the mesh, 1 for 0.9 mm; larger is coarser and faster.
 
     Returns:
-        Watertight mesh, m, colours linear reflectances, and vertex normals. [V, 3].
+        Watertight mesh, m, with linear reflectances as colours, and vertex normals. [V, 3].
     """
     # Half section, mm: up the outside from the centre of the foot, over the rim, and back to the centre of the well.
     section = np.array(
@@ -179,7 +179,7 @@ def make_plate(seed: int, detail: float = 1.0) -> tuple[Mesh, Array]:
 
 
 def _plate_colours(vertices: Array, normals: Array, seed: int) -> Array:
-    """Cream glaze with crazing, a hand-painted blue rim and a sprig in the well."""
+    """Paint cream glaze with crazing, a blue rim, and brush strokes on rim and well. -> linear reflectances [V, 3]."""
     rng = np.random.default_rng([seed, 77])
     rho = 1e3 * np.hypot(vertices[:, 0], vertices[:, 1])
     upper = normals[:, 2] > 0

@@ -1,7 +1,7 @@
-"""Filming: every frame of a scene, its truth, and the ceiling that the renderer's noise sets.
+"""Filming: renders every frame of a scene, its ground truth, and the highest PSNR that the renderer's noise allows.
 
-A film is resumable: each finished frame is kept in a state folder that the caller keys by settings and code, so that a stop
-at any moment loses at most the frame in work.
+Filming can be resumed. Each finished frame is kept in a state folder, so that an interruption loses at most the current frame.
+The caller names that folder after settings and code.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from gsbridge.reality.mirror.studio import SCENES, Studio, build_studio
 from gsbridge.reality.mirror.takes import take_camera, take_gains, take_path
 
 DENSE = "dense_pan"
-"""The film that tests keyframing: video rate, known motion, known blur."""
+"""Scene of the film that tests the choice of keyframes: video frame rate, known motion and known blur."""
 
 _FPS = 30.0
 _VIDEO_FRAMES_PER_KEYFRAME = 12
@@ -40,7 +40,7 @@ _VIDEO_FRAMES_PER_KEYFRAME = 12
 
 @dataclass(frozen=True)
 class _Shot:
-    """One frame to take: a pose, or several that blur into one, its samples per pixel, and its exposure."""
+    """One frame to render: its poses (several are averaged to motion blur), its samples per pixel and its exposure gains."""
 
     name: str
     poses: Array
@@ -65,17 +65,17 @@ def film_scene(
     Args:
         scene: One of `studio.SCENES`.
         settings: Size and quality.
-        out_frames: Folder of the frames, 8-bit PNG with the lens's distortion.
+        out_frames: Folder for the frames, 8-bit PNG with the lens's distortion.
         out_json: The film's record.
-        out_truth: Folder of the hidden truth: `truth.json`, `mesh.ply`, `masks/`.
-        state: Folder that keeps finished frames until the film is whole. The caller keys it by scene, settings, seed and
-            code, because frames found there are taken as they are.
+        out_truth: Folder for the hidden ground truth: `truth.json`, `mesh.ply`, `masks/`.
+        state: Folder that keeps finished frames until the film is complete. The caller must use another folder for another
+            scene, settings, seed or code, because frames found there are used without a check.
         threads: Threads to render with.
-        seed: Seed of the world (textures: the same in all films of one seed) and of this film's path and noise.
+        seed: Seed of the world (textures are the same in all films of one seed) and of this film's path and noise.
         take: How an object is filmed; None for the plain walk.
 
     Raises:
-        InputError: Unknown scene, or a take of what is no object.
+        InputError: The scene is unknown, or a take is given for a scene without an object.
     """
     if take is not None and (scene == DENSE or SCENES.get(scene, (None,))[0] is None):
         raise InputError("mirror", f"the scene '{scene}' has no takes", "Remove the take, or name an object's scene")
@@ -108,7 +108,7 @@ def film_scene(
 
 
 def _take(studio: Studio, lens: PhoneLens, shot: _Shot, state: Path, frame_seed: int) -> None:
-    """Render one frame and its mask into the state folder, unless they are there."""
+    """Render one frame and its mask into the state folder, unless they exist already."""
     photo, mask = state / "frames" / shot.name, state / "masks" / shot.name
     if photo.is_file() and mask.is_file():
         return
@@ -121,10 +121,10 @@ def _take(studio: Studio, lens: PhoneLens, shot: _Shot, state: Path, frame_seed:
 def _ceilings(
     studio: Studio, lens: PhoneLens, shots: list[_Shot], state: Path, settings: FilmSettings, seed: int
 ) -> dict[str, dict[str, float]]:
-    """PSNR that a perfect model reaches against the photos, by samples per pixel, in dB.
+    """Return the PSNR that a perfect model reaches against the photos, by samples per pixel, in dB.
 
-    The same frame is taken again with other seeds; half the mean square difference of the two photos, sensor noise and
-    rounding included, is the noise of one. `masked` counts the object's pixels only.
+    One frame is rendered again with another seed. The noise of one photo, sensor noise and rounding included, is half the mean
+    square difference of the two photos. The masked value counts the object's pixels only.
     """
     full: dict[str, float] = {}
     masked: dict[str, float] = {}
@@ -158,7 +158,7 @@ def _deliver(
     state: Path,
     seed: int,
 ) -> None:
-    """Copy a whole film out of the state folder, then write truth and record; the record comes last."""
+    """Copy a complete film out of the state folder and write its ground truth; the record is written last."""
     stride = 1 if scene == DENSE else _VIDEO_FRAMES_PER_KEYFRAME
     board = standard_board(settings.sheet)
     with atomic_directory(out_frames) as folder:
@@ -209,7 +209,7 @@ def _deliver(
 
 
 def image_motion(camera: Camera, first: Array, second: Array) -> float:
-    """Mean distance, px, that the table seen in one view has moved in the other.
+    """Return the mean distance, px, by which points of the table move from one view to the other; NaN if none is in both.
 
     Args:
         camera: The camera, distortion included.
@@ -226,12 +226,12 @@ def image_motion(camera: Camera, first: Array, second: Array) -> float:
 def _dense_shots(
     settings: FilmSettings, camera: Camera, height: float, rng: np.random.Generator
 ) -> tuple[list[_Shot], dict[str, list[Any]]]:
-    """Shots of the dense film: ten still frames, then motion of changing speed, about 40 % of the frames shaken.
+    """Plan the dense film: ten still frames, then motion of changing speed, with about 40 % of the frames shaken.
 
     A shaken frame is the mean of seven poses of a small turn of the camera during the exposure.
 
     Returns:
-        The shots and, per frame, `motion_px` against the frame before, `blur_px` and `blurred`.
+        The shots and, per frame, `motion_px` (motion from the frame before, px), `blur_px` and `blurred`.
     """
     still = min(10, settings.frames // 4)
     speed = 1 + 0.6 * np.sin(np.linspace(0, 4 * np.pi, settings.frames))
@@ -254,7 +254,7 @@ def _dense_shots(
 
 
 def _turned(cam_from_table: Array, angle: float, heading: float) -> Array:
-    """A pose turned by a small angle about an axis across the line of sight. -> [4, 4]."""
+    """Turn a camera by a small angle, rad, about an axis perpendicular to the line of sight. -> [4, 4]."""
     axis = np.array([np.cos(heading), np.sin(heading), 0.0])
     k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     turn = np.eye(4)

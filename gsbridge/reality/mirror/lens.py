@@ -1,4 +1,4 @@
-"""The mirror's phone camera: one fixed set of intrinsics with distortion, and the warp from a pinhole rendering to its film."""
+"""The mirror's phone camera: fixed intrinsics with distortion, and the warp of pinhole renderings to its pictures."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _DISTORTION = (0.04, -0.03, 0.0004, -0.0006)
 _PRINCIPAL_OFFSET = (3.7 / 640, -2.9 / 640)  # of the width, from the middle
 _BORDER = 8  # px rendered beyond the film on every side
 SENSOR_NOISE = 0.6 / 255
-"""Standard deviation of the sensor's noise, of the encoded value."""
+"""Standard deviation of the sensor's noise, added to the encoded value (0..1)."""
 
 
 def phone(width: int, height: int) -> Camera:
-    """The phone at a film size: the same phone for all films, so that captures share intrinsics.
+    """Return the phone camera at a film size; all films use the same phone, so that captures share intrinsics.
 
     Args:
         width, height: Film size, px.
@@ -38,12 +38,12 @@ def phone(width: int, height: int) -> Camera:
 
 
 def _undistorted_rays(film: Camera) -> Array:
-    """Ray x, y (z = 1) of each pixel centre of a distorted camera. [H, W, 2]."""
+    """Return x, y (at z = 1) of the ray of each pixel centre of a distorted camera. [H, W, 2]."""
     k1, k2, p1, p2 = film.distortion
     u, v = np.meshgrid(np.arange(film.width) + 0.5, np.arange(film.height) + 0.5)
     xd, yd = (u - film.cx) / film.fx, (v - film.cy) / film.fy
     x, y = xd.copy(), yd.copy()
-    for _ in range(40):  # a contraction for a phone's slight distortion: each round gains more than a digit
+    for _ in range(40):  # the fixed-point iteration gains more than a digit per round at a phone's slight distortion
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * k2)
         x, y = (
@@ -55,12 +55,12 @@ def _undistorted_rays(film: Camera) -> Array:
 
 @dataclass(frozen=True)
 class PhoneLens:
-    """Warp of a centred pinhole rendering to the film of a distorted camera.
+    """Warp of a centred pinhole rendering to the picture of a distorted camera.
 
     Args:
-        film: The camera that films.
+        film: The distorted camera, whose pictures make the film.
         pinhole: The camera to render: square pixels, principal point in the middle, slightly larger than the film.
-        x, y: Where each film pixel lies in the rendering, OpenCV px. [H, W] float32.
+        x, y: Position of each film pixel in the rendering, px with OpenCV's pixel centres at integers. [H, W] float32.
     """
 
     film: Camera
@@ -70,33 +70,33 @@ class PhoneLens:
 
     @classmethod
     def of(cls, film: Camera) -> PhoneLens:
-        """Lens with the distortion of a camera."""
+        """Build the lens with the distortion of a camera."""
         rays = _undistorted_rays(film)
         focal = film.fx
         half = np.ceil(np.abs(rays * focal).reshape(-1, 2).max(0)) + _BORDER
         width, height = int(2 * half[0]), int(2 * half[1])
         pinhole = Camera(width, height, focal, focal, width / 2, height / 2)
-        # OpenCV's pixel centres lie at integers.
+        # OpenCV has pixel centres at integers.
         x = rays[..., 0] * focal + pinhole.cx - 0.5
         y = rays[..., 1] * focal + pinhole.cy - 0.5
         return cls(film, pinhole, x.astype(np.float32), y.astype(np.float32))
 
     def warp(self, rendering: Array) -> Array:
-        """Film of a rendering in linear light or coverage. [h, w] or [h, w, 3] -> [H, W(, 3)] float32."""
+        """Warp a rendering (linear light or coverage) to the film. [h, w] or [h, w, 3] -> [H, W(, 3)] float32."""
         return cv2.remap(
             np.ascontiguousarray(rendering, dtype=np.float32), self.x, self.y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT
         )
 
     def expose(self, rendering: Array, rng: np.random.Generator, gain: Array | float = 1.0) -> Array:
-        """8-bit photo of a rendering: warp in linear light, exposure, sRGB encoding, sensor noise.
+        """Make an 8-bit photo of a rendering: warp in linear light, exposure, sRGB encoding, sensor noise.
 
         Args:
             rendering: Linear light. [h, w, 3].
             rng: Random numbers of the noise.
-            gain: Factor of the exposure on each channel. [3] or a number.
+            gain: Exposure factor of each channel. [3] or one number.
 
         Returns:
-            [H, W, 3] uint8.
+            The photo. [H, W, 3] uint8.
         """
         encoded = srgb_from_linear(np.clip(gain * self.warp(rendering), 0, 1))
         noisy = encoded + SENSOR_NOISE * rng.standard_normal(encoded.shape, dtype=np.float32)

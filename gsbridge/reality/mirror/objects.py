@@ -1,8 +1,9 @@
-"""The mirror's objects by name, and those that are solid: signed distances, meshed finely, painted per vertex.
+"""The mirror's objects by name, and the makers of the solid ones: signed distances, meshed finely and painted per vertex.
 
 Each maker works in the object's own frame: metres, z up, resting on z = 0, footprint centre at the origin, front towards -y.
-Signed distances are in millimetres inside this module, because the shapes' sizes are. No mark is finer than about 2 mm: a frame
-of 640 px shows 1 mm per pixel at half a metre, and what is smaller only turns into noise that no two views share.
+Signed distances inside this module are in millimetres, because the shapes are defined in millimetres. No painted mark is finer
+than about 2 mm: a frame of 640 px shows 1 mm per pixel at half a metre, so finer marks would only be noise that differs from
+view to view.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from gsbridge.reality.mirror.vessels import make_bowl, make_mug, make_pot
 
 
 def _small_cube(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
-    """A 58 mm cube of red terrazzo with rounded edges."""
+    """Make a 58 mm cube of red terrazzo with rounded edges."""
 
     def distance(p: Array) -> Array:
         q = np.abs(p - [0, 0, 29.0]) - (29.0 - 2.0)
@@ -45,7 +46,7 @@ def _small_cube(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
 
 
 def _cake(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
-    """A layered cake of 110 mm with dripping frosting, sprinkles and berries, 60 mm tall."""
+    """Make a layered cake of 110 mm with dripping frosting, sprinkles and berries, 60 mm tall."""
     rng = np.random.default_rng(seed)
     phases = rng.uniform(0, 2 * np.pi, 6)
     berries = [(30 * np.cos(a), 30 * np.sin(a), 51.5) for a in np.arange(7) * 2 * np.pi / 7 + rng.uniform(-0.15, 0.15, 7)]
@@ -120,7 +121,10 @@ _BANANA_SPAN = 1.44  # angle of the centre line, rad
 
 
 def _banana_frame(p: Array) -> tuple[Array, Array, Array]:
-    """Place along (0 stem .. 1 tip), distance from the centre line (mm) and angle round it of points. [N] each."""
+    """Return for points, mm: position along the banana (0 stem .. 1 tip), distance from the centre line (mm), angle around it.
+
+    The results have the shape [N] each.
+    """
     middle = np.array([0.0, -_BANANA_BEND * 0.86, 17.8])
     q = p - middle
     angle = np.clip(np.arctan2(q[:, 0], q[:, 1]), -_BANANA_SPAN / 2, _BANANA_SPAN / 2)
@@ -133,7 +137,7 @@ def _banana_frame(p: Array) -> tuple[Array, Array, Array]:
 
 
 def _banana(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
-    """A banana of about 190 mm that lies on its side."""
+    """Make a banana of about 190 mm that lies on its side."""
     places = np.array([0.0, 0.06, 0.12, 0.20, 0.35, 0.55, 0.75, 0.88, 0.96, 1.0])
     radii = np.array([5.2, 4.8, 6.5, 12.5, 17.6, 19.0, 17.4, 12.0, 6.0, 4.2])
     from scipy.interpolate import PchipInterpolator
@@ -178,7 +182,7 @@ _BEAR_EYES = ((-11.5, -27.5, 96.0), (11.5, -27.5, 96.0))
 
 
 def _bear(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
-    """A sitting toy bear with a scarf, 120 mm tall."""
+    """Make a sitting toy bear with a scarf, 120 mm tall."""
 
     def parts(p: Array) -> dict[str, Array]:
         scarf = np.hypot(np.hypot(p[:, 0], p[:, 1] + 1) - 22.5, p[:, 2] - 67 - 0.12 * p[:, 1]) - 6.0
@@ -204,7 +208,7 @@ def _bear(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
     v, n, f = mesh_of(distance, (-50, -62, 0), (50, 34, 122), 0.7 * detail)
     mm = v * 1e3
     d = parts(mm)
-    # Fur hangs down: noise stretched along z, on top of patches of lighter and darker pile.
+    # Hanging fur: noise stretched along z, on top of lighter and darker patches.
     hair = octaves(v * [1, 1, 0.4], 8e-3, 2, seed)
     tone = 1 + 0.24 * octaves(v, 22e-3, 3, seed + 1) + 0.26 * hair
     colours = np.array([0.30, 0.155, 0.06]) * np.clip(tone, 0.12, 2.4)[:, None]
@@ -265,15 +269,15 @@ OBJECTS = tuple(_MAKERS)
 
 
 def make_object(name: str, seed: int, detail: float = 1.0) -> tuple[Mesh, Array]:
-    """One object in its own frame.
+    """Make one object in its own frame.
 
     Args:
         name: One of `OBJECTS`.
-        seed: Seed of its texture.
-        detail: Spacing of the mesh, 1 for 0.6 to 0.7 mm; larger is coarser and faster.
+        seed: Seed of the object's texture.
+        detail: Vertex spacing of the mesh, 1 for 0.6 to 0.7 mm (toy: 0.55 mm); larger is coarser and faster.
 
     Returns:
-        The mesh, m, its colours linear reflectances 0..0.8 (not sRGB), and the vertex normals. [V, 3].
+        The mesh, m, with linear reflectances 0..0.8 (not sRGB) as colours, and the vertex normals. [V, 3].
 
     Raises:
         InputError: The name is unknown.

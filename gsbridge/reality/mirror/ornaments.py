@@ -1,6 +1,6 @@
-"""Objects of the mirror that are hard in other ways: a foot wider than the body, parts to look through, nothing to see.
+"""Objects of the mirror that are hard to reconstruct: with a foot wider than the body, with openings, or without texture.
 
-As in `objects`, each maker works in the object's own frame, and signed distances are in millimetres.
+As in `objects`, each function works in the object's own frame, and signed distances are in millimetres.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _PLINTH = 15.0  # height, mm
 
 
 def make_statue(seed: int, detail: float) -> Made:
-    """A marble bust on a thin neck over a granite plinth of 90 mm, 120 mm tall."""
+    """Make a marble bust on a thin neck over a granite plinth of 90 mm; 120 mm tall."""
 
     def bust(p: Array) -> Array:
         shoulders = ellipsoid(p, (0, 0, 62), (31, 17, 20))
@@ -54,7 +54,7 @@ _POSTS = (33.0, 74.0)  # heights that the posts span, mm
 
 
 def make_toy(seed: int, detail: float) -> Made:
-    """A toy loader of 130 mm: a cab of four posts and a roof to look through, a frame of thin rods, four wheels; 80 mm tall."""
+    """Make a toy loader of 130 mm: an open cab of four posts and a roof, a frame of thin rods, four wheels; 80 mm tall."""
     x, y = _CAB
 
     def parts(p: Array) -> dict[str, Array]:
@@ -119,6 +119,6 @@ def make_toy(seed: int, detail: float) -> Made:
 
 
 def make_white_box(seed: int, detail: float) -> Made:
-    """A plain white box of 84 x 56 x 66 mm: paper whose tone barely changes."""
+    """Make a plain white box of 84 x 56 x 66 mm, of paper whose tone hardly varies."""
     v, n, f = mesh_of(lambda p: box(p, (0, 0, 31), (42, 28, 35), 1.5), (-42, -28, 0), (42, 28, 66), 0.7 * detail)
     return v, n, f, np.array([0.70, 0.69, 0.66]) * (1 + 0.006 * octaves(v, 20e-3, 2, seed))[:, None]

@@ -1,4 +1,4 @@
-"""Hand-held camera paths: orbits at rising height with smooth sway, no two frames alike."""
+"""Hand-held camera paths: orbits at rising height with smooth random sway, so that no two frames are alike."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OBJECT_SPOT_M = (0.0, 0.185)
 
 
 def _sway(rng: np.random.Generator, count: int) -> Callable[[Array], Array]:
-    """Smooth random motion of `count` channels with unit variance, a function of the place 0..1 along the path."""
+    """Return smooth random motion of `count` channels with unit variance, as a function of the position 0..1 on the path."""
     waves = np.array([1.7, 3.1, 5.3, 8.9, 14.3])
     strength = np.array([1.0, 0.8, 0.6, 0.45, 0.35])
     phases = rng.uniform(0, 2 * np.pi, (count, len(waves)))
@@ -30,7 +30,7 @@ def _sway(rng: np.random.Generator, count: int) -> Callable[[Array], Array]:
 
 
 def _poses(t: Array, rng: np.random.Generator, eye: Array, target: Array, sway_m: float) -> Array:
-    """Poses with sway of position (`sway_m`), aim (the same) and roll (1.5 degrees). -> cam_from_table [N, 4, 4]."""
+    """Return poses with sway of position and aim (`sway_m` each) and of roll (1.5 degrees). -> cam_from_table [N, 4, 4]."""
     sway = _sway(rng, 7)(t)
     eye = eye + sway_m * sway[:, :3]
     target = target + sway_m * sway[:, 3:6] * [1, 1, 0.5]
@@ -44,7 +44,7 @@ def _poses(t: Array, rng: np.random.Generator, eye: Array, target: Array, sway_m
 
 
 def _ring(azimuth: Array, elevation: Array, distance: Array) -> Array:
-    """Offsets from the aim in spherical coordinates. [N] each -> [N, 3]."""
+    """Return offsets from the aim, m, given in spherical coordinates, rad and m. [N] each -> [N, 3]."""
     return distance[:, None] * np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
     )
@@ -53,7 +53,7 @@ def _ring(azimuth: Array, elevation: Array, distance: Array) -> Array:
 def object_path(
     frames: int, height: float, rng: np.random.Generator, elevation_deg: tuple[float, float] = (28.0, 55.0)
 ) -> Array:
-    """1.25 orbits about the object and the board, 0.39 to 0.42 m away.
+    """Return a path of 1.25 orbits about object and board, at a distance of 0.39 to 0.42 m.
 
     Args:
         frames: Number of frames.
@@ -74,10 +74,10 @@ def object_path(
 
 
 def background_path(frames: int, rng: np.random.Generator) -> Array:
-    """Two rings in one walk of 1.35 turns, so that 0.9 x 0.7 m of table round the working area is seen from several sides.
+    """Return a path of 1.35 turns on two rings that sees 0.9 x 0.7 m of table around the working area from several sides.
 
-    The low ring looks across the table. The high one leans outwards to its own side, which brings in the rim that the low one
-    sees only from afar.
+    On the low ring, the camera looks across the table. On the high ring, it aims further out towards its own side, and so sees
+    the rim of the area from near, which the low ring sees only from afar.
 
     Args:
         frames: Number of frames.
@@ -99,7 +99,12 @@ def background_path(frames: int, rng: np.random.Generator) -> Array:
 
 
 def pan_path(rng: np.random.Generator, height: float) -> Callable[[Array], Array]:
-    """A third of an orbit at video rate, with pauses, as a function of the place 0..1 along it. -> cam_from_table [N, 4, 4]."""
+    """Return a third of an orbit as a function of the position 0..1 on it, [N] -> cam_from_table [N, 4, 4].
+
+    Args:
+        rng: Random numbers.
+        height: Height of the object, m.
+    """
     begin = rng.uniform(0, 2 * np.pi)
     seed = int(rng.integers(1 << 31))
 

@@ -1,13 +1,13 @@
-"""Mitsuba in the fastest variant that works on this machine, for the films.
+"""Mitsuba in the fastest variant that works on this machine.
 
-`llvm_ad_rgb` traces a film's frame in about a quarter of the time that `scalar_rgb` takes and gives the same picture for the
-same seed, whatever the number of threads; both agree within their noise. It needs libLLVM, which no wheel brings (Debian:
-`libllvm19`), and crashes the process with some versions. A library is therefore tried in a process of its own before it is used
-here; `scalar_rgb` needs nothing and serves where no library works.
+`llvm_ad_rgb` renders a film's frame in about a quarter of the time of `scalar_rgb`. For one seed it gives the same picture with
+any number of threads, and its pictures agree with those of `scalar_rgb` within the noise. It needs libLLVM, which no wheel
+contains (Debian: `libllvm19`); some versions of it crash the process. A library is therefore tried in a separate process before
+it is used here. `scalar_rgb` needs no library and is used where none works.
 
-What `llvm_ad_rgb` does before it traces, which is to go through scene and integrator and to look for a compiled kernel, takes
-as long for a picture of 64 px as for a frame of a film, and there longer than tracing. `picture_maker` therefore records it
-with the first picture and plays it back for those that follow.
+Before it traces a picture, `llvm_ad_rgb` goes through scene and integrator and looks for a compiled kernel. This takes as long
+for a picture of 64 px as for a frame of a film, and for the small picture longer than the tracing. `picture_maker` therefore
+records these steps with the first picture and replays them for the following ones.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from gsbridge.geometry import Array
 SCALAR, COMPILED, FASTEST = "scalar_rgb", "llvm_ad_rgb", "fastest"
 
 CHOICE = "GSBRIDGE_PATH_TRACER"
-"""Environment variable that names a variant; `fastest`, as without it, is the compiled one where it works."""
+"""Environment variable that names a variant. `fastest`, the default, is the compiled variant where it works."""
 
 OLDEST_LLVM = 16
-"""Version 15 crashes while it compiles the kernels of Mitsuba 3.9."""
+"""Oldest usable version: version 15 crashes while it compiles the kernels of Mitsuba 3.9."""
 
 _FOLDERS = ("/usr/lib/*-linux-gnu", "/usr/lib64", "/usr/lib/llvm-*/lib", "/usr/local/lib", "/opt/homebrew/opt/llvm/lib")
 _NAMES = re.compile(r"libLLVM(?:-|\.so\.|\.)(\d+)[\d.]*(?:\.so[\d.]*|\.dylib)?$")
 _TRIAL_S = 60.0
 
-# A lit rectangle, small and cheap, with the plugins that the mirror uses; its mean is known: 0.5 / pi * pi * 2 = 1.
+# The trial renders a small lit rectangle with plugins that the mirror uses. The mean is known: 0.5 / pi * pi * 2 = 1.
 _TRIAL = """
 import sys, drjit, mitsuba
 mitsuba.set_variant(sys.argv[1])
@@ -60,7 +60,7 @@ sys.exit(0 if abs(mean - 1.0) < 0.02 else 1)
 
 
 def llvm_libraries() -> list[Path]:
-    """Copies of libLLVM on this machine that are new enough, the newest first."""
+    """Return the copies of libLLVM on this machine that are new enough, the newest first."""
     named = os.environ.get("DRJIT_LIBLLVM_PATH")
     if named:
         return [Path(named)]
@@ -74,7 +74,7 @@ def llvm_libraries() -> list[Path]:
 
 
 def _works(library: Path) -> bool:
-    """Whether Mitsuba renders with a library, tried in another process, which a crash does not take along."""
+    """Whether Mitsuba renders with a library; it is tried in another process, so that a crash does not end this one."""
     environment = {**os.environ, "DRJIT_LIBLLVM_PATH": str(library)}
     try:
         tried = subprocess.run(
@@ -91,7 +91,7 @@ def _cache_file() -> Path:
 
 
 def _known_to_work(library: Path) -> bool:
-    """Whether the library works, remembered between processes for as long as library and Mitsuba stay what they are."""
+    """Whether the library works; the answer is stored on disk and used until the library or Mitsuba changes."""
     from importlib.metadata import version
 
     state = library.stat()
@@ -110,17 +110,17 @@ def _known_to_work(library: Path) -> bool:
         part.write_text(json.dumps({key: answer}), encoding="utf-8")
         part.replace(path)
     except OSError:
-        # Without a folder to remember it in, every process tries for itself.
+        # If the answer cannot be stored, every process tries the library itself.
         pass
     return answer
 
 
 @functools.cache
 def variant() -> str:
-    """Name of the variant that this process uses; `DRJIT_LIBLLVM_PATH` is set where it needs a library.
+    """Return the variant that this process uses; sets `DRJIT_LIBLLVM_PATH` if the variant needs a library.
 
     Raises:
-        InputError: `GSBRIDGE_PATH_TRACER` names another variant, or one that does not work here.
+        InputError: `GSBRIDGE_PATH_TRACER` names an unknown variant, or one that does not work here.
     """
     wanted = os.environ.get(CHOICE, "")
     if wanted not in ("", SCALAR, COMPILED, FASTEST):
@@ -138,11 +138,11 @@ def variant() -> str:
 
 
 def load_mitsuba(threads: int, wanted: str | None = None) -> Any:
-    """Mitsuba in some variant, limited to `threads`.
+    """Load Mitsuba in a variant, limited to `threads`.
 
     Args:
         threads: Threads to render with.
-        wanted: Name of the variant; None for the fastest one that works, or what the environment asks for.
+        wanted: Name of the variant; None for the one that `variant` chooses.
 
     Raises:
         InputError: See `variant`.
@@ -159,15 +159,15 @@ def load_mitsuba(threads: int, wanted: str | None = None) -> Any:
 
 
 def without_failed_pixels(picture: Array) -> Array:
-    """A picture whose pixels all hold a number: those without one take the median of their neighbours'.
+    """Replace pixels that are not finite by the median of their neighbours.
 
-    Rarely a path ends in no number, and a lens would spread it over 64 pixels of a photo.
+    Rarely a path gives NaN or infinity, and the interpolation of the lens would spread it over 64 pixels of a photo.
 
     Args:
         picture: Linear light. [H, W, C].
 
     Returns:
-        [H, W, C]; the same array where nothing has failed.
+        The picture; the same array if all its pixels are finite. [H, W, C].
     """
     failed: Array = np.asarray(~np.isfinite(picture).all(axis=-1))
     if not failed.any():
@@ -181,16 +181,17 @@ def without_failed_pixels(picture: Array) -> Array:
 
 
 def picture_maker(mi: Any, scene: Any, sensor: Any, integrator: Mapping[str, Any]) -> Callable[[int], Array]:
-    """A function of a seed that gives the picture of a scene as it stands then, from where the sensor is then.
+    """Return a function of a seed that renders the scene as it is at the time of the call, from the sensor's pose at that time.
 
     Args:
-        mi: Mitsuba, as `load_mitsuba` gave it.
-        scene: The scene. What moves in it may be moved between calls, and nothing else may be changed.
-        sensor: The sensor, likewise. Its size and samples are part of the record, so that every sensor has a maker of its own.
+        mi: Mitsuba, as `load_mitsuba` returned it.
+        scene: The scene. Between calls, transforms may change and nothing else.
+        sensor: The sensor. Between calls, its transform may change and nothing else: its size and number of samples are part of
+            the recording, so every sensor needs its own function.
         integrator: Description of the integrator.
 
     Returns:
-        Function that renders with as many samples as the sensor asks for. [H, W, C] float32.
+        Function that renders with the sensor's number of samples. [H, W, C] float32.
     """
     light = mi.load_dict(dict(integrator))
 
@@ -202,5 +203,5 @@ def picture_maker(mi: Any, scene: Any, sensor: Any, integrator: Mapping[str, Any
     import drjit
 
     recorded = drjit.freeze(trace)
-    # As a number in the kernel's memory; one of Python's would be part of the record.
+    # Pass the seed as a number in the kernel's memory: a Python number would become a constant of the recording.
     return lambda seed: without_failed_pixels(np.array(recorded(scene, sensor, mi.UInt32(seed))))

@@ -1,6 +1,6 @@
-"""Shapes of the mirror as signed distances, and the meshes of them.
+"""Shapes of the mirror as signed distances, and meshes of them.
 
-Lengths are in millimetres inside this module, because the shapes' sizes are; meshes come out in metres.
+Lengths inside this module are in millimetres, because the shapes are defined in millimetres; meshes are returned in metres.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ Distance = Callable[[Array], Array]
 
 
 def ellipsoid(p: Array, centre: tuple[float, float, float], radii: tuple[float, float, float], tilt: float = 0.0) -> Array:
-    """Approximate signed distance to an ellipsoid.
+    """Return the approximate signed distance to an ellipsoid.
 
     Args:
         p: Points, mm. [N, 3].
-        centre: Its middle, mm.
-        radii: Its half axes, mm.
+        centre: Centre of the ellipsoid, mm.
+        radii: Half axes of the ellipsoid, mm.
         tilt: Turn about y, rad.
 
     Returns:
-        mm. [N]. Source: Quilez, "Ellipsoid".
+        Distances, mm. [N]. Source: Quilez, "Ellipsoid".
     """
-    # Column by column: numpy's sums over an axis of three are slow, and these give the same bits.
+    # Work column by column: numpy's sums over an axis of length three are slow, and the results are bitwise the same.
     x, y, z = (p[:, k] - centre[k] for k in range(3))
     if tilt:
         c, s = np.cos(tilt), np.sin(tilt)
@@ -38,12 +38,12 @@ def ellipsoid(p: Array, centre: tuple[float, float, float], radii: tuple[float, 
 
 
 def _length(x: Array, y: Array, z: Array) -> Array:
-    """Lengths of vectors. [N] each -> [N]."""
+    """Return the lengths of vectors. [N] each -> [N]."""
     return np.sqrt(x * x + y * y + z * z)
 
 
 def merge(*distances: Array, soft: float = 4.0) -> Array:
-    """Union with rounded seams of about `soft` mm. Source: Quilez, polynomial smooth minimum."""
+    """Return the union of shapes, with seams rounded over about `soft` mm. Source: Quilez, polynomial smooth minimum."""
     total = distances[0]
     for other in distances[1:]:
         h = np.maximum(soft - np.abs(total - other), 0) / soft
@@ -52,7 +52,7 @@ def merge(*distances: Array, soft: float = 4.0) -> Array:
 
 
 def mesh_of(distance: Distance, low: tuple[float, ...], high: tuple[float, ...], cell: float) -> tuple[Array, Array, Array]:
-    """Watertight mesh of a signed distance, cut flat at z = 0.
+    """Return the watertight mesh of a signed distance, cut flat at z = 0.
 
     Args:
         distance: Signed distance, mm, negative inside. [N, 3] -> [N].
@@ -62,7 +62,8 @@ def mesh_of(distance: Distance, low: tuple[float, ...], high: tuple[float, ...],
     Returns:
         Vertices [V, 3] and outward normals [V, 3] (m), faces [F, 3].
     """
-    # The grid is shifted by an odd fraction, so that no plane of a shape falls on grid points (degenerate triangles).
+    # Shift the grid by an odd fraction of a cell, so that no plane of a shape passes through grid points, which would give
+    # degenerate triangles.
     axes = [np.arange(a - 2 * cell - 0.37 * cell, b + 2 * cell, cell) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     field = np.concatenate(
@@ -78,7 +79,7 @@ def mesh_of(distance: Distance, low: tuple[float, ...], high: tuple[float, ...],
 
 
 def vertex_normals(mesh: Mesh) -> Array:
-    """Area-weighted vertex normals. [V, 3]."""
+    """Return area-weighted vertex normals. [V, 3]."""
     weighted = mesh.normals() * mesh.areas()[:, None]
     total = np.zeros_like(mesh.vertices)
     for corner in range(3):
@@ -87,32 +88,32 @@ def vertex_normals(mesh: Mesh) -> Array:
 
 
 def box(p: Array, centre: Sequence[float], half: Sequence[float], rounding: float = 0.0) -> Array:
-    """Signed distance to an upright box with rounded edges.
+    """Return the signed distance to an upright box with rounded edges.
 
     Args:
         p: Points, mm. [N, 3].
-        centre: Its middle, mm.
-        half: Half its sides, rounding included, mm.
+        centre: Centre of the box, mm.
+        half: Half the lengths of the box's sides, rounding included, mm.
         rounding: Radius of the edges, mm.
 
     Returns:
-        mm. [N]. Source: Quilez, "Round box".
+        Distances, mm. [N]. Source: Quilez, "Round box".
     """
     q = np.abs(p - np.asarray(centre)) - (np.asarray(half) - rounding)
     return np.linalg.norm(np.maximum(q, 0), axis=-1) + np.minimum(q.max(-1), 0) - rounding
 
 
 def rod(p: Array, start: Sequence[float], end: Sequence[float], radius: float) -> Array:
-    """Signed distance to a rod with round ends.
+    """Return the signed distance to a rod with round ends.
 
     Args:
         p: Points, mm. [N, 3].
-        start: Middle of one round end, mm.
-        end: Middle of the other, mm.
-        radius: mm.
+        start: Centre of one round end, mm.
+        end: Centre of the other round end, mm.
+        radius: Radius of the rod, mm.
 
     Returns:
-        mm. [N]. Source: Quilez, "Capsule".
+        Distances, mm. [N]. Source: Quilez, "Capsule".
     """
     a, way = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64) - np.asarray(start)
     along = np.clip((p - a) @ way / (way @ way), 0, 1)
@@ -120,15 +121,15 @@ def rod(p: Array, start: Sequence[float], end: Sequence[float], radius: float) -
 
 
 def turned(p: Array, profile: Sequence[tuple[float, float]], rounding: float = 0.0) -> Array:
-    """Signed distance to a solid of revolution about z, as from a potter's wheel.
+    """Return the signed distance to a solid of revolution about z.
 
     Args:
         p: Points, mm. [N, 3].
-        profile: Corners (radius, height) of half its section, in order, mm.
+        profile: Corners (radius, height) of half the solid's section, in order, mm.
         rounding: Radius by which the section grows, which rounds its corners, mm.
 
     Returns:
-        mm. [N]. Source: Quilez, "Polygon".
+        Distances, mm. [N]. Source: Quilez, "Polygon".
     """
     q = np.stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]], axis=-1)
     corners = np.asarray(profile, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The set: object, table, board, light and camera as a Mitsuba scene, rendered in linear light."""
+"""The film set: object, table, board, light and camera as a Mitsuba scene, rendered in linear light."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ SCENES: dict[str, tuple[str | None, str, float]] = {
     "white_box": ("white_box", "tablecloth", 30.0),
     "dense_pan": ("small_cube", "foam_pad", 24.0),
 }
-"""The films of the studio."""
+"""Scenes that can be filmed in the studio."""
 
 
 def placed(mesh: Mesh, normals: Array, spot: tuple[float, float], yaw_deg: float) -> tuple[Mesh, Array]:
-    """A mesh and its normals turned about z and moved to a spot of the table.
+    """Turn a mesh and its normals about z and move the mesh to a spot on the table.
 
     Args:
         mesh: Mesh in its own frame, m.
-        normals: Its vertex normals. [V, 3].
+        normals: Vertex normals of the mesh. [V, 3].
         spot: x and y on the table, m.
         yaw_deg: Turn about z, degrees.
 
@@ -69,7 +69,7 @@ def placed(mesh: Mesh, normals: Array, spot: tuple[float, float], yaw_deg: float
 
 
 def _painted_mesh(mi: Any, name: str, mesh: Mesh, normals: Array) -> Any:
-    """Mitsuba mesh with vertex colours as diffuse reflectance."""
+    """Return a Mitsuba mesh with vertex colours as diffuse reflectance."""
     properties = mi.Properties()
     properties["mesh_bsdf"] = mi.load_dict(
         {"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "vertex_color"}}
@@ -85,7 +85,7 @@ def _painted_mesh(mi: Any, name: str, mesh: Mesh, normals: Array) -> Any:
 
 
 def _picture(mi: Any, reflectance: Array, centre: tuple[float, float], size: tuple[float, float], z: float) -> dict[str, Any]:
-    """A flat rectangle that faces up and carries a picture, first row at its +y edge."""
+    """Describe a flat rectangle that faces up and shows a picture, with the picture's first row at the +y edge."""
     to_world = mi.ScalarTransform4f().translate([*centre, z]).scale([size[0] / 2, size[1] / 2, 1])
     bitmap = mi.Bitmap(np.ascontiguousarray(reflectance[::-1], dtype=np.float32))  # v runs up
     texture = {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "bilinear", "wrap_mode": "clamp"}
@@ -98,9 +98,9 @@ class Studio:
 
     Args:
         mi: The Mitsuba module.
-        scene: Everything, lit.
-        alone: The object alone, for its mask; None without an object.
-        truth: True mesh, table frame, m, sRGB colours: the object, or the table top with what stands on it.
+        scene: The whole lit scene.
+        alone: A scene with the object alone, for its mask; None without an object.
+        truth: True mesh, table frame, m, with linear colours if it has any: the object, or the table top with the plate on it.
     """
 
     mi: Any
@@ -111,10 +111,10 @@ class Studio:
     def _sensor(
         self, camera: Camera, cam_from_table: Array, samples: int, window: tuple[int, int, int, int] | None = None
     ) -> Any:
-        """Mitsuba sensor; with a `window` (left, top, width, height, px) only that part, with coverage as alpha.
+        """Return a Mitsuba sensor; with a `window` (left, top, width, height, px) only for that part, with coverage as alpha.
 
-        A window is a camera of its own with another principal point: the place of a cropped film would be a number in
-        Mitsuba's kernels, and they would be compiled anew for every picture, which takes longer than the picture.
+        A window is a separate camera with another principal point. A crop of the film would be a constant in Mitsuba's kernels,
+        which would then be compiled again for every picture; that takes longer than rendering.
         """
         mi = self.mi
         left, top, width, height = window or (0, 0, camera.width, camera.height)
@@ -143,11 +143,11 @@ class Studio:
         )
 
     def render(self, camera: Camera, cam_from_table: Array, samples: int, seed: int) -> Array:
-        """Path-traced picture in linear light. [h, w, 3] float32.
+        """Render a path-traced picture in linear light. [h, w, 3] float32.
 
         Args:
             camera: Pinhole with its principal point in the middle.
-            cam_from_table: [4, 4].
+            cam_from_table: Pose of the camera, OpenCV axes. [4, 4].
             samples: Samples per pixel.
             seed: Seed of the samples.
         """
@@ -157,7 +157,7 @@ class Studio:
         return without_failed_pixels(np.array(picture)[..., :3])
 
     def coverage(self, camera: Camera, cam_from_table: Array, samples: int = 16) -> Array:
-        """Share of each pixel that shows the object. [h, w] float32.
+        """Render the share of each pixel that shows the object. [h, w] float32.
 
         Args:
             camera: Pinhole with its principal point in the middle.
@@ -180,11 +180,13 @@ class Studio:
 
     @staticmethod
     def _window(low: Array, high: Array, camera: Camera) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Left and top, width and height of a window round some pixels: of few sizes, for each of which kernels are compiled.
+        """Return left and top, width and height, px, of a window that contains some pixels.
+
+        Only a few sizes are used, because Mitsuba compiles kernels for each.
 
         Args:
             low: First column and row. [2].
-            high: Column and row behind the last. [2].
+            high: Column and row after the last. [2].
             camera: Camera of the picture.
         """
         whole = np.array([camera.width, camera.height])
@@ -196,7 +198,7 @@ class Studio:
 
 
 def _table_mesh(cell: float = 0.01) -> Mesh:
-    """The bare table top as a grid of triangles facing up."""
+    """Return the bare table top as a grid of triangles that face up."""
     counts = [round(side / cell) for side in TABLE_SIZE_M]
     x = np.linspace(-0.5, 0.5, counts[0] + 1) * TABLE_SIZE_M[0] + TABLE_CENTRE_M[0]
     y = np.linspace(-0.5, 0.5, counts[1] + 1) * TABLE_SIZE_M[1] + TABLE_CENTRE_M[1]
@@ -214,7 +216,7 @@ def build_studio(scene: str, sheet: str, threads: int, seed: int) -> Studio:
         scene: One of `SCENES`.
         sheet: Paper size of the board.
         threads: Threads to render with.
-        seed: Seed of the textures: the world. Films of one seed share tables and objects.
+        seed: Seed of the world's textures. Films of one seed share tables and objects.
 
     Raises:
         InputError: The scene is unknown.

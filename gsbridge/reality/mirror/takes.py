@@ -1,4 +1,4 @@
-"""Takes: other ways in which a hand films an object than the plain walk round it, exposure locked and phone level."""
+"""Takes: ways to film an object by hand other than the plain walk around it with locked exposure and a level phone."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from gsbridge.reality.mirror.lens import phone
 from gsbridge.reality.mirror.path import object_path
 
 _ONE_HEIGHT_DEG = (34.0, 34.0)
-"""Elevation of a walk at one height: of somebody who sits, and does not get up."""
+"""First and last elevation of a walk at one height, as by a person who films while seated, degrees."""
 _STOPS = 0.55
-"""Largest change of the exposure, either way, in powers of two."""
+"""Largest change of the exposure in either direction, in stops (powers of two)."""
 _CASTS = 0.05
-"""Largest change of red and of blue by the white balance."""
+"""Largest relative change of red and of blue by the white balance."""
 
 
 def take_camera(take: Take | None, width: int, height: int) -> Camera:
-    """Camera whose pictures a film consists of, as they are stored.
+    """Return the camera of a film's pictures as they are stored.
 
     Args:
         take: The take; None for a plain film.
@@ -31,7 +31,7 @@ def take_camera(take: Take | None, width: int, height: int) -> Camera:
     camera = phone(width, height)
     if take != "portrait":
         return camera
-    # A quarter turn of sensor and lens together; the tangential coefficients turn with the axes.
+    # Sensor and lens make a quarter turn together, so the tangential coefficients turn with the axes.
     k1, k2, p1, p2 = camera.distortion
     return replace(
         camera,
@@ -46,7 +46,7 @@ def take_camera(take: Take | None, width: int, height: int) -> Camera:
 
 
 def take_path(take: Take | None, frames: int, height: float, rng: np.random.Generator) -> Array:
-    """Poses of a film of an object.
+    """Return the camera poses of a film of an object.
 
     Args:
         take: The take; None for a plain film.
@@ -61,13 +61,13 @@ def take_path(take: Take | None, frames: int, height: float, rng: np.random.Gene
     poses = walk(frames, height, rng)
     if take != "turned":
         return poses
-    # The phone is held upright, but its pictures are stored as the sensor lies: the scene is on its side in all of them.
+    # The phone is held upright, but its pictures are stored in the sensor's orientation: the scene lies on its side in them.
     aside = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     return np.asarray(aside @ poses)
 
 
 def take_gains(take: Take | None, frames: int, rng: np.random.Generator) -> Array:
-    """Factors on linear light that the camera's automatic exposure and white balance set.
+    """Return the factors on linear light that the camera's automatic exposure and white balance set.
 
     Args:
         take: The take; None for a plain film.
@@ -75,12 +75,12 @@ def take_gains(take: Take | None, frames: int, rng: np.random.Generator) -> Arra
         rng: Random numbers.
 
     Returns:
-        Red, green and blue of each frame. [frames, 3].
+        Factors on red, green and blue of each frame. [frames, 3].
     """
     if take != "re_exposing":
         return np.ones((frames, 3))
     t = np.linspace(0, 1, frames)
-    # Smooth, as automatic exposure hunts, with a step now and then where it gives in.
+    # The exposure drifts smoothly, as automatic exposure does while it searches, with an occasional step.
     phases = rng.uniform(0, 2 * np.pi, (3, 2))
     waves = [(np.sin(2 * np.pi * 1.7 * t + a) + np.sin(2 * np.pi * 4.1 * t + b)) / 2 for a, b in phases]
     steps = np.cumsum(rng.choice([-0.5, 0.0, 0.5], frames, p=[0.04, 0.92, 0.04]))

@@ -1,7 +1,7 @@
 """Noise and paint: non-repeating textures in space and on the plane.
 
-Everything is a pure function of points, cell sizes (m) and integer seeds, so that a texture never depends on the order in
-which it is evaluated.
+The noises in space are pure functions of points, cell sizes (m) and integer seeds, so they do not depend on the order of
+evaluation. `paint_strokes` and `plane_noise` draw from a random generator.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ _PRIMES = tuple(np.uint64(prime) for prime in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D
 
 
 def _hash(cells: Array, seed: int) -> Array:
-    """Uniform 0..1 of integer cells. [..., 3] int64 -> [...]."""
+    """Return a uniform number 0..1 for each integer cell. [..., 3] int64 -> [...]."""
     with np.errstate(over="ignore"):
         c = cells.astype(np.int64).view(np.uint64)
         return _mixed(c[..., 0] * _PRIMES[0] ^ c[..., 1] * _PRIMES[1] ^ c[..., 2] * _PRIMES[2], seed)
 
 
 def _mixed(h: Array, seed: int) -> Array:
-    """Uniform 0..1 of integers that tell cells apart. uint64 [...] -> [...].
+    """Return a uniform number 0..1 for each cell's integer key. uint64 [...] -> [...].
 
     Source: the finaliser of SplitMix64 (Steele et al., 2014).
     """
@@ -38,17 +38,17 @@ def _mixed(h: Array, seed: int) -> Array:
 
 
 def _turned(points: Array, cell: float, seed: int) -> Array:
-    """Points in cell units, turned at random so that no lattice lines up with a face. [..., 3]."""
+    """Return points in units of the cell, turned at random so that the lattice is not aligned with a face. [..., 3]."""
     rotation = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     return np.asarray(points, dtype=np.float64) @ rotation.T / cell + 1000.0
 
 
 def value_noise(points: Array, cell: float, seed: int) -> Array:
-    """Smooth noise in -1..1.
+    """Return smooth noise in -1..1.
 
     Args:
         points: Points, m. [N, 3].
-        cell: Size of its features, m.
+        cell: Size of the noise's features, m.
         seed: Random seed.
 
     Returns:
@@ -58,7 +58,7 @@ def value_noise(points: Array, cell: float, seed: int) -> Array:
     corner = np.floor(p).astype(np.int64)
     f = p - corner
     f = f * f * (3 - 2 * f)
-    # Each axis has two weights and two hashed numbers, which eight corners share.
+    # Each axis has two weights and two keys; the eight corners of a cell combine them.
     weights = [(1 - f[:, k], f[:, k].copy()) for k in range(3)]
     with np.errstate(over="ignore"):
         keys = [[(corner[:, k] + step).view(np.uint64) * _PRIMES[k] for step in range(2)] for k in range(3)]
@@ -70,14 +70,14 @@ def value_noise(points: Array, cell: float, seed: int) -> Array:
 
 
 def octaves(points: Array, coarsest: float, count: int, seed: int, fall: float = 0.7) -> Array:
-    """Sum of noises of different scale, with a standard deviation of about 1.
+    """Return a sum of noises of different scale, with a standard deviation of about 1.
 
     Args:
         points: Points, m. [N, 3].
-        coarsest: Size of the largest features, m; each further noise is half as large.
+        coarsest: Size of the largest features, m; the features of each further noise are half as large.
         count: Number of noises.
         seed: Random seed.
-        fall: Strength of each noise as a share of the one before.
+        fall: Strength of each noise relative to the one before.
 
     Returns:
         Noise at each point. [N].
@@ -92,7 +92,7 @@ def octaves(points: Array, coarsest: float, count: int, seed: int, fall: float =
 
 
 def cells(points: Array, cell: float, seed: int) -> tuple[Array, Array, Array]:
-    """Voronoi cells of one random point per lattice cell.
+    """Evaluate Voronoi cells around one random point per lattice cell.
 
     Args:
         points: Points, m. [N, 3].
@@ -100,7 +100,8 @@ def cells(points: Array, cell: float, seed: int) -> tuple[Array, Array, Array]:
         seed: Random seed.
 
     Returns:
-        Distances to the nearest and second nearest point in units of `cell`, and a number 0..1 of the nearest. [N] each.
+        Distances to the nearest and second nearest random point, in units of `cell`, and a random number 0..1 that belongs to
+        the nearest. [N] each.
 
     Source: Worley, "A cellular texture basis function", SIGGRAPH 1996.
     """
@@ -121,7 +122,7 @@ def cells(points: Array, cell: float, seed: int) -> tuple[Array, Array, Array]:
 
 
 def pick(palette: Sequence[Sequence[float]], name: Array) -> Array:
-    """Colours of numbers 0..1 from a palette. [N] -> [N, 3]."""
+    """Pick a colour of the palette for each number 0..1. [N] -> [N, 3]."""
     table = np.asarray(palette, dtype=np.float64)
     return table[np.minimum((name * len(table)).astype(int), len(table) - 1)]
 
@@ -132,7 +133,7 @@ def blend(below: Array, above: Array | Sequence[float], weight: Array) -> Array:
     Args:
         below: Colours below. [N, 3].
         above: Colours above, or one for all points. [N, 3] or [3].
-        weight: How much of `above` shows, cut to 0..1. [N].
+        weight: Share of `above` in the result, cut to 0..1. [N].
 
     Returns:
         Blended colours. [N, 3].
@@ -142,12 +143,12 @@ def blend(below: Array, above: Array | Sequence[float], weight: Array) -> Array:
 
 
 def step(value: Array, edge: Array | float, width: float) -> Array:
-    """Smooth step from 0 to 1.
+    """Return a smooth step from 0 to 1.
 
     Args:
         value: Values. [...].
-        edge: Value at which the step is half done. [...], or one for all.
-        width: Range of values that the step takes.
+        edge: Value at which the step reaches one half. [...], or one for all.
+        width: Range of values over which the step rises.
     """
     t = np.clip((value - edge) / width + 0.5, 0, 1)
     return t * t * (3 - 2 * t)
@@ -169,12 +170,12 @@ def paint_strokes(
 
     Args:
         colours: Vertex colours. [N, 3].
-        vertices, normals: [N, 3], m.
+        vertices, normals: Vertices, m, and vertex normals. [N, 3] each.
         count: Number of strokes.
-        length, width: Ranges, m.
+        length, width: Ranges of the strokes' length and width, m.
         palette: Colours to draw from.
         rng: Random numbers.
-        where: Vertices where a stroke may have its middle; all by default. [N] bool.
+        where: Vertices that may be the middle of a stroke; None for all. [N] bool.
 
     Returns:
         New colours. [N, 3].
@@ -196,11 +197,11 @@ def paint_strokes(
 
 
 def plane_noise(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> Array:
-    """Gaussian noise of unit variance, smoothed over `sigma` pixels. [H, W] float32.
+    """Return Gaussian noise of unit variance, smoothed over `sigma` pixels. [H, W] float32.
 
     Args:
         shape: H and W.
-        sigma: Standard deviation of the Gaussian that smooths it, px; 0 for white noise.
+        sigma: Standard deviation of the smoothing Gaussian, px; 0 for white noise.
         rng: Random numbers.
     """
     if sigma > 8:  # broad noise is drawn coarse and enlarged: the same look at a fraction of the work

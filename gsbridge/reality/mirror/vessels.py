@@ -1,6 +1,6 @@
-"""The mirror's hollow objects, turned on a potter's wheel: their walls are thin, and what they hold is air.
+"""The mirror's hollow objects: empty vessels with thin walls, made as solids of revolution.
 
-As in `objects`, each maker works in the object's own frame, and signed distances are in millimetres.
+As in `objects`, each function works in the object's own frame, and signed distances are in millimetres.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from gsbridge.reality.mirror.solids import merge, mesh_of, turned
 from gsbridge.reality.mirror.textures import blend, cells, octaves, pick, step, value_noise
 
 Made = tuple[Array, Array, Array, Array]
-"""Vertices [V, 3] and normals [V, 3] (m), faces [F, 3], linear reflectances [V, 3]."""
+"""A made object: vertices, m [V, 3], normals [V, 3], faces [F, 3] and linear reflectances [V, 3]."""
 
 _MUG_WALL = [(0.0, 1.5), (37.0, 1.5), (38.5, 4.0), (38.5, 90.5), (37.5, 90.5), (36.0, 8.5), (34.0, 6.0), (0.0, 6.0)]
 _MUG_ROUNDING = 1.5
@@ -32,7 +32,7 @@ _POT_ROUNDING = 1.5
 
 
 def _speckled(points: Array, seed: int, ground: list[float], specks: list[list[float]], reach: float = 0.36) -> Array:
-    """A stoneware glaze: clouds of tone, and specks of two sizes. [N, 3] m -> [N, 3]."""
+    """Paint a stoneware glaze: soft variation of tone, and specks of two sizes. Points, m [N, 3] -> colours [N, 3]."""
     colours = np.array(ground) * np.clip(1 + 0.16 * octaves(points, 18e-3, 3, seed), 0.4, 1.5)[:, None]
     for size, share, shift in ((9e-3, reach, 3), (5.5e-3, 0.9 * reach, 7)):
         near, _, name = cells(points, size, seed + shift)
@@ -42,7 +42,7 @@ def _speckled(points: Array, seed: int, ground: list[float], specks: list[list[f
 
 
 def make_mug(seed: int, detail: float) -> Made:
-    """A stoneware mug of 80 mm with walls of 4 mm, 92 mm tall, 85 mm deep, its handle to the right."""
+    """Make a stoneware mug of 80 mm with walls of 4 mm, 92 mm tall, 85 mm deep, with its handle to the right."""
 
     def handle(p: Array) -> Array:
         q = p - _HANDLE_MIDDLE
@@ -50,7 +50,7 @@ def make_mug(seed: int, detail: float) -> Made:
 
     def distance(p: Array) -> Array:
         wall = turned(p, _MUG_WALL, _MUG_ROUNDING)
-        outside = 38.0 - np.hypot(p[:, 0], p[:, 1])  # the handle ends in the wall, not in the coffee
+        outside = 38.0 - np.hypot(p[:, 0], p[:, 1])  # the handle ends in the wall, not inside the mug
         return merge(wall, np.maximum(handle(p), outside), soft=3.0)
 
     v, n, f = mesh_of(distance, (-41, -41, 0), (73, 41, 93), 0.6 * detail)
@@ -58,7 +58,7 @@ def make_mug(seed: int, detail: float) -> Made:
     glaze = _speckled(v, seed, [0.58, 0.54, 0.44], [[0.20, 0.11, 0.05], [0.10, 0.07, 0.05], [0.36, 0.22, 0.10]])
     rho, angle = np.hypot(mm[:, 0], mm[:, 1]), np.arctan2(mm[:, 1], mm[:, 0])
     out = step(rho, 38.0, 0.6)
-    # Leaves and dots of cobalt between two lines, painted by hand.
+    # Hand-painted leaves and dots of cobalt between two lines.
     round_wall = np.stack([0.040 * np.cos(angle), 0.040 * np.sin(angle), v[:, 2]], axis=-1)
     near, _, name = cells(round_wall, 17e-3, seed + 11)
     flower = near + 0.10 * octaves(v, 8e-3, 2, seed + 12)
@@ -77,13 +77,13 @@ def make_mug(seed: int, detail: float) -> Made:
 
 
 def make_bowl(seed: int, detail: float) -> Made:
-    """A glazed bowl of 138 mm with walls of some 5 mm, 55 mm tall, 47 mm deep."""
+    """Make a glazed bowl of 138 mm with walls of about 5 mm, 55 mm tall, 47 mm deep."""
     v, n, f = mesh_of(lambda p: turned(p, _BOWL_WALL, _BOWL_ROUNDING), (-70, -70, 0), (70, 70, 56), 0.6 * detail)
     mm = v * 1e3
     glaze = _speckled(v, seed, [0.12, 0.33, 0.34], [[0.55, 0.58, 0.50], [0.04, 0.12, 0.14], [0.42, 0.30, 0.12]], 0.40)
     rho, angle = np.hypot(mm[:, 0], mm[:, 1]), np.arctan2(mm[:, 1], mm[:, 0])
     inside = step(n[:, 2], 0.05, 0.1)
-    # A star of brush strokes within, runs of a second glaze from the rim without.
+    # A star of brush strokes on the inside, runs of a second glaze from the rim on the outside.
     rays = np.cos(7 * angle + 0.05 * rho + 0.5 * value_noise(v, 25e-3, seed + 21))
     cream = np.array([0.62, 0.55, 0.40]) * np.clip(1 + 0.18 * octaves(v, 10e-3, 2, seed + 22), 0.4, 1.4)[:, None]
     colours = blend(glaze, cream, step(rays, 0.55, 0.35) * (rho < 58) * (rho > 10) * inside)
@@ -95,13 +95,13 @@ def make_bowl(seed: int, detail: float) -> Made:
 
 
 def make_pot(seed: int, detail: float) -> Made:
-    """A flower pot of terracotta with a collar, 102 mm wide above, 62 mm below, 76 mm tall, 68 mm deep."""
+    """Make a terracotta flower pot with a collar, 102 mm wide at the top and 62 mm at the bottom, 76 mm tall, 68 mm deep."""
     v, n, f = mesh_of(lambda p: turned(p, _POT_WALL, _POT_ROUNDING), (-52, -52, 0), (52, 52, 77), 0.6 * detail)
     mm = v * 1e3
     clay = np.array([0.46, 0.17, 0.075]) * np.clip(1 + 0.22 * octaves(v, 22e-3, 4, seed + 31), 0.35, 1.7)[:, None]
     grain, _, name = cells(v, 6e-3, seed + 32)
     colours = blend(clay, pick([[0.24, 0.08, 0.04], [0.58, 0.30, 0.17], [0.62, 0.50, 0.38]], name), 1 - step(grain, 0.33, 0.22))
-    # Lime and moss where water has come through.
+    # Lime and moss, as where water seeps through.
     lime = octaves(v, 26e-3, 3, seed + 33) + 0.02 * (40 - mm[:, 2])
     colours = blend(colours, [0.62, 0.56, 0.47], 0.75 * step(lime, 1.0, 0.8))
     moss = octaves(v, 15e-3, 3, seed + 34)

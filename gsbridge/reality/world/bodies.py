@@ -30,17 +30,19 @@ DENSITIES = {
     "toy": 950.0,  # plastic
     "white_box": 150.0,  # an empty box of cardboard
 }
-"""Bulk densities of the true objects before the hidden factor, kg/m3; those of vessels are of their walls."""
+"""Densities of the true objects before the hidden factor, kg/m3: bulk density, for vessels the density of their walls."""
 
 _CONTACT_DETAIL, _MASS_DETAIL = 4.0, 2.0
-"""Spacing of the meshes behind contact and mass, of that in films: vertices lie on the surface, so few suffice."""
+"""Vertex spacing of the meshes for contact and mass, as a multiple of the spacing in films; vertices lie on the surface, so few
+suffice."""
 
 _NEIGHBOURS, _REACH = 6, 6e-4
-"""Vertices of the film's mesh that colour one of another, and how near, m: a film's spacing."""
+"""Number of the film mesh's vertices that are averaged for a vertex's colour, and width of their weights, m: the spacing of
+vertices in films."""
 
 
 def body_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
-    """A true object in its body frame, by the rule that assets follow: turned as it stood in its film, footprint centre at 0.
+    """Return a true object in its body frame, which follows the rule for assets: turned as in its film, footprint centre at 0.
 
     Args:
         name: One of the mirror's objects.
@@ -61,10 +63,10 @@ def body_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
 
 @cache
 def shown_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
-    """A true object as `body_mesh` gives it, in the colours that it had in its film.
+    """Return a true object as `body_mesh` does, in the colours that it has in its film.
 
-    An object's strokes are painted at the vertices of its mesh, so that a mesh of another detail has others: other sprinkles on
-    the cake. Colours are therefore those of the film's mesh, averaged round each vertex. Arguments and errors as `body_mesh`.
+    Colours are painted at the vertices of a mesh, so a mesh of another detail would have another pattern, such as other
+    sprinkles on the cake. Colours are therefore taken from the film's mesh and averaged around each vertex.
 
     Args:
         name: One of the mirror's objects.
@@ -82,7 +84,7 @@ def shown_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
 
 
 def repainted(mesh: Mesh, filmed: Mesh) -> Mesh:
-    """A mesh in the colours of the film's, averaged round each vertex. Both lie in the same place."""
+    """Return a mesh with the film mesh's colours, averaged around each vertex. Both meshes have the same frame."""
     distances, nearest = cKDTree(filmed.vertices).query(mesh.vertices, _NEIGHBOURS)
     weights = np.exp(-((distances / _REACH) ** 2)) + 1e-12
     weights /= weights.sum(1, keepdims=True)
@@ -92,19 +94,19 @@ def repainted(mesh: Mesh, filmed: Mesh) -> Mesh:
 
 
 def true_from_body(name: str, seed: int, body_from_table: Array) -> Array:
-    """Pose of a reconstruction's body frame in that of the true object.
+    """Return the pose of a reconstruction's body frame in the true object's body frame.
 
-    Both have the axes of the film's table and their origin in the middle of a footprint, but a reconstructed footprint is not
-    the true one: the tips of a banana are hard to see. Who puts the true object where a simulated one stands needs the step
-    between them.
+    Both frames have the axes of the film's table and their origin in the middle of a footprint. The reconstructed footprint
+    differs from the true one; the tips of a banana, for example, are hard to see. This transform is needed to put the true
+    object where a simulated one stands.
 
     Args:
         name: One of the mirror's objects.
         seed: Seed of the world's textures and shapes.
-        body_from_table: Body frame of the reconstruction, from its film's table frame (`asset.json`). [4, 4].
+        body_from_table: Body frame of the reconstruction, from its film's table frame (`asset.json`), m. [4, 4].
 
     Returns:
-        [4, 4].
+        `true_from_body`, m. [4, 4].
 
     Raises:
         InputError: The name is unknown.
@@ -121,10 +123,10 @@ class TrueBody:
     Args:
         name: Name of the body.
         mass: Mass, kg.
-        centre: Centre of mass. [3].
-        inertia: About the centre of mass, kg m2. [3, 3].
-        hull: Vertices of its convex hull. [H, 3].
-        pieces: Vertices of its convex pieces. [N, 3] each.
+        centre: Centre of mass, m. [3].
+        inertia: Inertia about the centre of mass, kg m2. [3, 3].
+        hull: Vertices of the convex hull, m. [H, 3].
+        pieces: Vertices of the convex pieces, m. [N, 3] each.
     """
 
     name: str
@@ -138,14 +140,14 @@ class TrueBody:
 def true_body(
     name: str, seed: int, mass_factor: float, folder: str | Path, aside: tuple[float, float] = (0.0, 0.0)
 ) -> TrueBody:
-    """A true object, filled evenly but for a heavy side.
+    """Build a true object of even density, whose centre of mass may be shifted to one side.
 
     Args:
         name: One of the mirror's objects.
         seed: Seed of the world's textures and shapes.
-        mass_factor: Hidden factor on its mass.
-        folder: Where convex pieces are kept.
-        aside: How far the centre of mass lies beside that of an even filling, share of the object's width along x and y.
+        mass_factor: Hidden factor on the object's mass.
+        folder: Folder in which convex pieces are cached.
+        aside: Shift of the centre of mass along x and y, as a share of the object's width. [2].
 
     Raises:
         InputError: The name is unknown.
@@ -153,18 +155,18 @@ def true_body(
     mesh, _ = body_mesh(name, seed, _MASS_DETAIL)
     coarse, _ = body_mesh(name, seed, _CONTACT_DETAIL)
     even = body_of(name, mesh, DENSITIES[name] * mass_factor, convex_pieces(Mesh(coarse.vertices, coarse.faces), folder))
-    # The inertia about the centre stays: a heavy side of the same extent changes it by a few percent.
+    # The inertia about the centre of mass is kept: a heavy side changes it by only a few percent.
     return replace(even, centre=even.centre + np.append(np.asarray(aside) * np.ptp(even.hull[:, :2], axis=0), 0.0))
 
 
 def body_of(name: str, mesh: Mesh, density: float, pieces: list[Array]) -> TrueBody:
-    """A body of even density.
+    """Build a body of even density.
 
     Args:
         name: Name of the body.
         mesh: Closed mesh in the body's own frame, m.
-        density: kg/m3.
-        pieces: Vertices of the convex pieces that stand for it in contact, m. Each [V, 3].
+        density: Density, kg/m3.
+        pieces: Vertices of the convex pieces that represent the body in contact, m. [N, 3] each.
     """
     solid = mesh.trimesh()
     solid.density = density

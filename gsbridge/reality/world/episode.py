@@ -1,4 +1,4 @@
-"""Photos of the mirror's wrist camera along an episode that another world played."""
+"""Photos by the mirror's wrist camera at the states of an episode that was played in another world."""
 
 from __future__ import annotations
 
@@ -22,20 +22,19 @@ def photograph_episode(
 ) -> None:
     """Photograph the true object at every k-th state of an episode, and at its last.
 
-    Arm and fingers are set to the joint angles of the states, the object to their pose on or over the table; the mirror's own
-    physics does not act.
+    Arm, fingers and object are set to the poses that the states give; the mirror's own physics is not simulated.
 
     Args:
-        states: File of `gsbridge.tasks.views`, in the order of the episode.
-        setting: What stands in the room.
+        states: File of states as `gsbridge.tasks.views` defines it, in the order of the episode.
+        setting: Object, background and board in the room.
         hidden_seed: Seed of the hidden parameters.
-        out: Folder of `{step}.png`.
-        record: Record of the stage.
-        exposure: How photos are taken.
-        every: Steps from photo to photo.
+        out: Folder for the photos `{step}.png`.
+        record: Record of the stage to write.
+        exposure: Settings of the photos.
+        every: Number of states from photo to photo.
 
     Raises:
-        InputError: The states are damaged, or object or background are unknown.
+        InputError: The states are damaged, or object or background is unknown.
     """
     found = read_states(states)
     chosen = found[::every] + ([found[-1]] if (len(found) - 1) % every else [])

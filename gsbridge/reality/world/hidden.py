@@ -1,6 +1,6 @@
-"""What the mirror hides: parameters drawn by seed from stated ranges, and further worlds that set some of them by name.
+"""Hidden parameters of the mirror, drawn by seed from stated ranges; further worlds set some of them by name.
 
-Nothing that learns or diagnoses may read a `Hidden`; only the scores do.
+Code that learns or diagnoses must never read a `Hidden`; apart from the mirror itself, only scores do.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _ONE_DEGREE = math.radians(1.0)
 
 @dataclass(frozen=True)
 class Hidden:
-    """Hidden parameters of one world; the defaults are the nominal world, without any surprise.
+    """Hidden parameters of one world; the defaults are those of the nominal world.
 
     Args:
         mass: Factor on the object's mass.
@@ -37,13 +37,13 @@ class Hidden:
         damping: Factor on the servo damping of each arm joint.
         inertia: Factor on the rotor inertia of each arm joint.
         joint_friction: Coulomb friction as a share of the joint's largest torque.
-        grip_force: Force of each pad when closed on something, N.
+        grip_force: Force with which each pad presses on a gripped object, N.
         latency: Time from a command to its effect, s.
         encoder_noise: Standard deviation of measured joint angles, rad.
         torque_noise: Standard deviation of measured joint torques, N m.
-        camera_shift: How far the wrist camera sits from its nominal place, along the flange's axes, m.
+        camera_shift: Shift of the wrist camera from its nominal position, along the flange's axes, m.
         camera_turn: Turn of the camera from its nominal axes, rotation vector in the flange frame, rad.
-        table_shift: How far the table stands from its nominal place, along the base's axes, m.
+        table_shift: Shift of the table from its nominal position, along the base's axes, m.
         table_turn: Turn of the table from its nominal axes, rotation vector in the base frame, rad.
         light_turn: Turn of the lamp about the vertical through the middle of the table, rad.
         light_rise: Change of the lamp's height angle, rad.
@@ -51,39 +51,39 @@ class Hidden:
         light_cast: Factors on red, green and blue light.
         robot_shade: Factors on the brightness of the arm's covers, its coloured covers, and the hand.
         robot_tint: Factors on red, green and blue of the robot.
-        full_well: Electrons that saturate a pixel: shot noise is the square root of the electrons.
-        read_noise: Standard deviation of the readout, share of saturation, linear light.
-        exposure: Factor of the camera on the light, before it saturates.
-        tint: Factors of the camera on the encoded red, green and blue; no range draws it, worlds may set it.
-        pedestal: What the camera adds to the encoded value, 0..1; likewise.
-        vignette: Share of the light that the lens loses at the picture's corners, below 1; likewise.
+        full_well: Number of electrons that saturates a pixel; the shot noise is the square root of the number of electrons.
+        read_noise: Standard deviation of the readout noise in linear light, as a share of saturation.
+        exposure: Factor of the camera on the light, before saturation.
+        tint: Factors of the camera on the encoded red, green and blue. Never drawn; a world may set it.
+        pedestal: Offset that the camera adds to the encoded value, 0..1. Never drawn; a world may set it.
+        vignette: Share of the light that the lens loses at the picture's corners, below 1. Never drawn; a world may set it.
 
-    What follows is drawn by severity alone (`gsbridge.reality.world.severity`), and docs/mirror.md tells what it means:
+    The following parameters are drawn by severity alone (`gsbridge.reality.world.severity`); docs/mirror.md explains them:
 
         encoder_offset: Measured angle of each joint minus its true angle, rad.
-        link_offset: By how much each of the arm's seven joints stands beside its drawing, along the axes of the link before it,
+        link_offset: Shift of each of the arm's seven joints from its nominal position, along the axes of the link before it:
             x, y, z of the first joint, then of the second, and so on, m.
-        gravity_error: Share of the robot's weight that is compensated too much.
+        gravity_error: Share of the robot's weight by which gravity compensation is too strong.
         latency_jitter: Largest delay of a command beyond `latency`, s.
         lost_commands: Share of commands that never arrive.
         object_com: Offset of the centre of mass along the object's x and y, as a share of the object's width.
-        exposure_time: Time for which a picture is exposed, s.
+        exposure_time: Time for which each row of a picture is exposed, s.
         readout: Time between the first row of a picture and its last, s.
-        auto_exposure, auto_balance: Share of a picture's difference from grey, in brightness and in colour, that the camera
-        corrects.
+        auto_exposure, auto_balance: Share of a picture's difference from grey (in brightness, and in colour) that the camera
+            corrects.
         distortion: Radial distortion k1 beyond what is calibrated.
         focal_error: Share by which the focal length is longer than calibrated.
-        compression: 100 less the quality of the pictures' JPEG; 0 for none.
-        dropped_frames: Share of pictures that are replaced by the one before.
-        late_frames: Share of pictures that show the moment one step before.
-        light_hue: Log of red against green light, and of green against blue.
-        lamp_dim: Share of the lamp that is out.
+        compression: 100 minus the JPEG quality of the pictures; 0 for no compression.
+        dropped_frames: Share of pictures that are replaced by the one delivered before.
+        late_frames: Share of pictures that show the state one step earlier.
+        light_hue: Natural logarithm of the ratio of red to green light, and of that of green to blue.
+        lamp_dim: Share of the lamp's light that is missing.
         window: Radiance of a window beside the table, as a share of the lamp's.
-        window_heading: Direction in which the window lies, rad.
-        passer: Half the width of somebody who passes between table and lamp, or window where the lamp is out, m.
-        gloss_object, gloss_plate, gloss_robot, gloss_table: 0 matt to 1 wet.
-        clutter, cables, decoys: Counts of what lies about.
-        clutter_seed: Seed of where it lies.
+        window_heading: Direction of the window from the working area, about the vertical, rad.
+        passer: Half the width of a person who passes between table and lamp (or window, if the lamp is out), m; 0 for nobody.
+        gloss_object, gloss_plate, gloss_robot, gloss_table: Gloss from 0 (matt) to 1 (wet).
+        clutter, cables, decoys: Number of pieces of each kind that lie about.
+        clutter_seed: Seed of their shapes and positions.
     """
 
     mass: float = 1.0
@@ -161,7 +161,7 @@ class Hidden:
                 )
         if self.latency > _LATEST:
             raise InputError("hidden parameters", f"'latency' is {self.latency!r}", f"Give {_LATEST:g} s at most")
-        # A command belongs to one control period, and a picture to what has moved in it.
+        # A late command must still act in its own control period, and a picture must be exposed within one.
         if self.latency_jitter > 0.05 or self.exposure_time + self.readout > 0.05 or self.compression > 99:
             raise InputError(
                 "hidden parameters",
@@ -172,13 +172,13 @@ class Hidden:
 
     @classmethod
     def draw(cls, seed: int, ranges: Ranges | None = None) -> Hidden:
-        """The hidden parameters of a seed.
+        """Draw the hidden parameters of a seed.
 
-        Each parameter has a random stream of its own: a new parameter changes none of the others.
+        Each parameter has its own random stream, so a new parameter does not change the values of the others.
 
         Args:
             seed: Seed of the world.
-            ranges: Where to draw from; None for the stated ranges.
+            ranges: Ranges to draw from; None for the defaults of `Ranges`.
         """
         limits = ranges or Ranges()
         values: dict[str, Value] = {}
@@ -191,14 +191,14 @@ class Hidden:
         return cls(**values)  # type: ignore[arg-type]
 
     def changed(self, changes: Mapping[str, Any], source: str = "hidden parameters") -> Hidden:
-        """This world with some parameters set; further worlds are made so.
+        """Return this world with some parameters set to given values; further worlds are made this way.
 
         Args:
             changes: Values by name; a single number for a parameter of several values sets them all.
-            source: Where the names were written, for the message.
+            source: Where the names were written, for the error message.
 
         Raises:
-            InputError: Unknown name, or a value that makes no sense.
+            InputError: A name is unknown, or a value is not possible.
         """
         names = [item.name for item in dataclasses.fields(self)]
         for name in changes:
@@ -212,11 +212,11 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Ranges:
-    """Lowest and highest value of each hidden parameter that is drawn; uniform, components independent.
+    """Lowest and highest value of each drawn hidden parameter; each component is drawn uniformly and independently.
 
-    Mass, latency and the kinds of surprise are those of the specification; widths of the rest are what one meets between two
-    robots of a kind, between rubber, foam and cloth, and between two times of a day in one room. Camera and
-    table stand as far from their nominal places as someone with a ruler puts them; registration measures them.
+    Mass, latency and the kinds of surprise are those of the specification. The other ranges are as wide as the differences
+    between two robots of one type, between rubber, foam and cloth, and between two times of day in one room. Camera and table
+    deviate from their nominal poses as far as when a person places them with a ruler; registration measures them.
     """
 
     mass: tuple[float, float] = (0.8, 1.2)
@@ -258,10 +258,10 @@ _SHARES = (
 )  # fmt: skip
 _COUNTS = ("clutter", "cables", "decoys")
 _MOST_THINGS = 100
-"""Things of one kind that may lie about: each is a mesh of its own in every picture."""
+"""Largest number of pieces of one kind that lie about; it is limited because each piece is rendered in every picture."""
 
 _LATEST = 1.0
-"""Longest latency of a command, s: what is on its way is kept step by step."""
+"""Longest latency of a command, s; it is limited because commands under way are stored for every physics step."""
 
 _MUST_BE_POSITIVE = (
     "mass", "contact_time", "stiffness", "inertia", "grip_force", "light_power", "full_well", "exposure",
@@ -272,7 +272,7 @@ def _checked(name: str, value: Any, default: Any) -> Value:
     """Check one value and convert it to the type of its field.
 
     Raises:
-        InputError: Not a number, not finite, wrong count, or a sign that makes no sense.
+        InputError: The value is not a number or not finite, or has the wrong count or a sign that is not possible.
     """
     wanted = len(default) if isinstance(default, tuple) else 0
     parts = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] * max(wanted, 1)

@@ -1,4 +1,4 @@
-"""Convex pieces for contact: of the true objects by decomposition, kept on disk; of the plate by cutting it into sectors."""
+"""Convex pieces for contact: a decomposition of the true objects, cached on disk, and sectors cut from the plate."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
 
 CONCAVITY = 0.003
-"""Dents up to this depth are filled, m."""
+"""Depth up to which dents are filled, m."""
 
 MOST = 16
-"""Pieces of one object, at most."""
+"""Largest number of pieces of one object."""
 
 FOOT = 5e-5
-"""Vertices as near to z = 0 as this are put there, m: the objects are cut flat, the decomposition moves their feet a little."""
+"""Distance within which vertices are moved to z = 0, m: objects have flat feet, but the decomposition shifts them."""
 
 _SEARCH = 60
 
 
 def convex_pieces(mesh: Mesh, folder: str | Path) -> list[Array]:
-    """Convex pieces that together fill a closed mesh. Computed once, and found again by the mesh and this code.
+    """Return convex pieces that together fill a closed mesh, from a cache if possible.
+
+    The cache's key is a hash of the mesh, of this module's code and of the version of `coacd`.
 
     Args:
-        mesh: Watertight, standing on z = 0, m.
-        folder: Where pieces are kept.
+        mesh: Watertight mesh that stands on z = 0, m.
+        folder: Folder of the cache.
 
     Returns:
         Vertices of each piece, m. [N, 3] each.
@@ -55,7 +57,7 @@ def convex_pieces(mesh: Mesh, folder: str | Path) -> list[Array]:
 
 
 def _decompose(mesh: Mesh) -> list[Array]:
-    """Pieces of a closed mesh with a flat foot."""
+    """Decompose a closed mesh with a flat foot."""
     import coacd
 
     coacd.set_log_level("error")
@@ -75,22 +77,22 @@ def _decompose(mesh: Mesh) -> list[Array]:
 
 
 def plate_pieces(mesh: Mesh, radii: tuple[float, ...] = (0.048, 0.063, 0.081), sectors: int = 32) -> list[Array]:
-    """Convex pieces of a plate: a disc, and rings around it cut into sectors.
+    """Cut a plate into convex pieces: a disc, and rings around it cut into sectors.
 
-    A decomposition by search fills the well or takes minutes; a body of revolution needs neither. Thirty-two sectors replace
-    the rim's circle by chords that are at most 0.5 mm off.
+    A decomposition by search would fill the plate's well or take minutes; for a body of revolution it is not needed. With 32
+    sectors, the chords differ from the rim's circle by at most 0.5 mm.
 
     Args:
-        mesh: The plate, own frame, m; its vertices no farther apart than 2 mm.
-        radii: Outer radius of the disc, and of each ring but the last, m; the section is nearly straight between them.
-        sectors: Sectors of a ring.
+        mesh: The plate, own frame, m; its vertices are no farther apart than 2 mm.
+        radii: Outer radius of the disc, and of each ring but the last, m; the profile is nearly straight between them.
+        sectors: Number of sectors of a ring.
 
     Returns:
         Vertices of each piece, m. [N, 3] each.
     """
     rho = np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 1])
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
-    # Neighbours share a strip as wide as a cell of the mesh, so that no gap opens between them.
+    # Neighbouring pieces overlap by the width of a cell of the mesh, so that no gap opens between them.
     reach = 2e-3
     turn = np.pi / sectors + 0.5 * reach / radii[-1]
     pieces = [mesh.vertices[rho <= radii[0] + reach]]

@@ -1,6 +1,6 @@
-"""How bad a day a world has: severity 0 to 4 adds to what a world's seed draws, in directions that the seed alone decides.
+"""Severity, 0 to 4, of a world: it changes the hidden parameters that the world's seed draws, in directions set by the seed.
 
-The table of ranges, with a reason for each line, stands in docs/mirror.md; a test holds both against each other.
+The table of sizes, with a reason for each line, is in docs/mirror.md; a test compares it with the table here.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ PHYSICS, LOOK = "physics", "look"
 
 @dataclass(frozen=True)
 class Severity:
-    """How much a world of the mirror differs from what the simulation supposes.
+    """How much a world of the mirror differs from what the simulation assumes.
 
     Args:
         look: Severity of camera, light, surfaces and surroundings, 0 to 4.
         physics: Severity of arm and object, 0 to 4.
 
     Raises:
-        InputError: One is out of range.
+        InputError: A severity is not a whole number from 0 to 4.
     """
 
     look: int = 0
@@ -42,7 +42,7 @@ class Severity:
 
     @classmethod
     def of(cls, given: int | dict[str, int]) -> Severity:
-        """One number for both, or `look` and `physics`, as the configuration has them."""
+        """Read the severity from the configuration: one number for both, or `look` and `physics`."""
         return cls(**given) if isinstance(given, dict) else cls(given, given)
 
 
@@ -53,8 +53,8 @@ class Line:
     Args:
         name: Name of the hidden parameter.
         part: `look` or `physics`.
-        form: How the size acts, see docs/mirror.md.
-        sizes: Its sizes at severities 0 to 4.
+        form: How the size changes the parameter (`away`, `down`, `up`, `least`, `signed`, `exact`, `add`); see docs/mirror.md.
+        sizes: Sizes of the change at severities 0 to 4.
     """
 
     name: str
@@ -102,16 +102,16 @@ LINES = (
     Line("cables", LOOK, "exact", (0, 0, 1, 2, 3)),
     Line("decoys", LOOK, "exact", (0, 0, 0, 1, 2)),
 )
-"""The table, in its order."""
+"""The table, in the order of docs/mirror.md."""
 
 
 def worsened(drawn: Hidden, seed: int, severity: Severity) -> Hidden:
-    """A world at a severity.
+    """Return the hidden parameters of a world at a severity.
 
     Args:
-        drawn: The world at severity 0.
-        seed: Seed of the world; it decides directions and shares, while the severity decides sizes.
-        severity: Severity that the world gets; 0 leaves it as it is.
+        drawn: Hidden parameters of the world at severity 0.
+        seed: Seed of the world; it decides the direction of each change and its share of the size.
+        severity: Severity that decides the sizes; 0 leaves the parameters as they are.
     """
     levels = {PHYSICS: severity.physics, LOOK: severity.look}
     values = {line.name: _grown(line, drawn, seed, levels[line.part]) for line in LINES if levels[line.part]}
@@ -122,12 +122,12 @@ def worsened(drawn: Hidden, seed: int, severity: Severity) -> Hidden:
 
 
 def _stream(seed: int, name: str) -> np.random.Generator:
-    """Random numbers of a line: of the seed and the name, not of the severity."""
+    """Return the random stream of a line; it depends on the seed and the line's name, not on the severity."""
     return np.random.default_rng([seed, zlib.crc32(f"severity {name}".encode())])
 
 
 def _grown(line: Line, drawn: Hidden, seed: int, level: int) -> Any:
-    """Value of a line's parameter at a level above 0."""
+    """Return the value of a line's parameter at a severity above 0."""
     rng, size, before = _stream(seed, line.name), line.sizes[level], getattr(drawn, line.name)
     if line.name == "object_com":
         heading, share = rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 1.0)

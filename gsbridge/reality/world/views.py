@@ -1,4 +1,4 @@
-"""Photos of the mirror's wrist camera at states that another world chose: the measured half of a comparison."""
+"""Photos by the mirror's wrist camera at states from another world: the measured side of a comparison with rendered views."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ class SensorExposure:
     """Settings of the mirror's photos.
 
     Args:
-        pieces: Folder that keeps convex pieces from run to run.
+        pieces: Folder in which convex pieces are cached between runs.
         size: Edge of the pictures, px.
-        samples: Samples per pixel, at least.
+        samples: Least number of samples per pixel.
         threads: Threads to render with.
-        first: Number of the first photo; each has the noise of its number.
-        item: `asset.json` of the object whose poses the states tell; None where they are those of the true object.
+        first: Number of the first photo; a photo's number is the seed of its noise.
+        item: `asset.json` of the reconstructed object whose poses the states give; None if they give those of the true object.
     """
 
     pieces: str | Path
@@ -46,18 +46,18 @@ class SensorExposure:
 def photograph_states(
     states: str | Path, setting: Setting, hidden_seed: int, out: str | Path, record: str | Path, exposure: SensorExposure
 ) -> None:
-    """Photograph the true object at given states; arm joints are set, the camera is where it truly sits.
+    """Photograph the true object at given states, with the arm joints set directly and the camera at its true pose.
 
     Args:
-        states: File of `gsbridge.tasks.views`.
-        setting: What stands in the room.
+        states: File of states as `gsbridge.tasks.views` defines it.
+        setting: Object, background and board in the room.
         hidden_seed: Seed of the hidden parameters.
-        out: Folder of `{index}.png`.
-        record: Record of the stage.
-        exposure: How photos are taken.
+        out: Folder for the photos `{index}.png`.
+        record: Record of the stage to write.
+        exposure: Settings of the photos.
 
     Raises:
-        InputError: The states are damaged, or object or background are unknown.
+        InputError: The states are damaged, or object or background is unknown.
     """
     chosen = {f"{index:02d}.png": state for index, state in enumerate(read_states(states))}
     take_photos(chosen, setting, Hidden.draw(hidden_seed), out, record, exposure, seed=hidden_seed)
@@ -74,17 +74,17 @@ def photograph_postures(
     shots: int = 1,
     seed: int,
 ) -> None:
-    """Photograph an arm that comes back to each posture some times: `{view}_{shot}.png`.
+    """Photograph each posture several times, as `{view}_{shot}.png`.
 
     Args:
-        states: File of `gsbridge.tasks.views`.
+        states: File of states as `gsbridge.tasks.views` defines it.
         setting, out, record, exposure: See `photograph_states`.
-        hidden: Parameters of the world.
-        shots: Photos of each posture.
-        seed: The world's, for the record.
+        hidden: Hidden parameters of the world.
+        shots: Number of photos of each posture.
+        seed: Seed of the world, for the record.
 
     Raises:
-        InputError: The states are damaged, or object or background are unknown.
+        InputError: The states are damaged, or object or background is unknown.
     """
     chosen = {f"{index:02d}_{shot}.png": state for index, state in enumerate(read_states(states)) for shot in range(shots)}
     take_photos(chosen, setting, hidden, out, record, exposure, seed=seed, shots=shots)
@@ -99,16 +99,16 @@ def take_photos(
     exposure: SensorExposure,
     **numbers: Any,
 ) -> None:
-    """Photograph states, each under its file name; each photo has noise of its own.
+    """Photograph states and write each photo under its file name; each photo has its own noise.
 
     Args:
         chosen: States by file name.
         setting, out, record, exposure: See `photograph_states`.
-        hidden: Parameters of the world.
-        **numbers: Further figures of the record.
+        hidden: Hidden parameters of the world.
+        **numbers: Further values for the record.
 
     Raises:
-        InputError: Object or background are unknown, a pose makes no sense, or the asset cannot be read.
+        InputError: Object or background is unknown, a pose is not possible, or the asset cannot be read.
     """
     progress, body_from_true = ProgressLog(len(chosen), "photos"), np.eye(4)
     if exposure.item is not None and setting.object is not None:
