@@ -1,17 +1,17 @@
-"""How splats are bound to a mesh: hard (GaMeS), also with moving vertices, soft (the paper's equation 2), refined, or not.
+"""Binding of splats to a mesh: hard (GaMeS), hard with trained vertices, soft (the paper's equation 2), refined, or none.
 
 A bound splat belongs to one face with corners v1, v2, v3 and unit normal n. Its centre is
 
     w1 v1 + w2 v2 + w3 v3 + band * tanh(b) * n,    w = relu(a) / sum(relu(a)),
 
-with learned `a` and `b`. The paper bounds the offset by one unit of the reconstruction; here the band is metric (10 mm by
-default), because that unit is arbitrary: with the released scales it is about 100 mm. `games` keeps b = 0; so does
-`games_vertices`, whose training moves the mesh's vertices as well: once trained, it is `games` on a mesh of its own.
+with learned `a` and `b`. The paper bounds the offset by one unit of the reconstruction. Here the band is metric (10 mm by
+default), because that unit is arbitrary: with the released scales it is about 100 mm. `games` keeps b = 0. `games_vertices`
+does so, too, but its training also moves the mesh's vertices; the result is a `games` binding to the moved mesh.
 
-Shape: the axes are (n, e1, e2), e1 from the face's centroid to its second corner and e2 across it in the face; the standard
-deviations (0, |e1| / 2, (v3 - centroid) . e2 / 2) times one learned factor. `refined` turns each splat freely in its face's
-frame and scales its axes one by one. Everything but `unbound` can be evaluated on a deformed mesh; harmonics, which are given
-in the frame of the rest mesh, turn there with the axes of their face.
+The axes of a splat are (n, e1, e2): e1 points from the face's centroid to its second corner, and e2 is perpendicular to e1 in
+the face. The standard deviations are (0, |e1| / 2, |(v3 - centroid) . e2| / 2) times one learned factor; e2 has unit length.
+`refined` turns each splat freely in its face's frame and scales its axes separately. All kinds but `unbound` can be evaluated
+on a deformed mesh. Harmonics are stored in the frame of the rest mesh and turn with their face.
 
 Source: Wu et al., RL-GSBridge, 2024, equations 1 and 2; Waczynska et al., GaMeS, 2024.
 """
@@ -35,13 +35,13 @@ from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.harmonics import TERMS, turned
 
 START_OPACITY = 0.5
-"""The paper starts at 0.1 and trains 15 times as long."""
+"""Opacity at the start. The paper starts at 0.1, but trains 15 times as long."""
 
 FLATNESS = 1e-6
 """Standard deviation along the normal, m: the paper's discs are flat."""
 
 REFINED_FLATNESS = 0.1
-"""Standard deviation along the normal at the start of `refined`, as a part of the smaller one in the face."""
+"""Standard deviation along the normal at the start of `refined` and `unbound`, as a share of the smaller one in the face."""
 
 
 class SplatShape(NamedTuple):
@@ -62,12 +62,12 @@ class Frames(NamedTuple):
 
 
 def face_frames(vertices: Array, faces: Array) -> Frames:
-    """Frames of all faces, float32; degenerate faces get a spread of zero. [V, 3], [F, 3]."""
+    """Return the frames of all faces, float32; degenerate faces get a spread of zero. [V, 3], [F, 3]."""
     corners = np.asarray(vertices, dtype=np.float64)[faces]
     first, second, third = np.moveaxis(corners, 1, 0)
     cross = np.cross(second - first, third - first)
     length = np.linalg.norm(cross, axis=1, keepdims=True)
-    # A face without area has no normal; any direction does, as its splats have no size.
+    # A face without area has no normal; any direction will do, because its splats have no size.
     normals = np.where(length > 0, cross / np.maximum(length, 1e-300), [0.0, 0.0, 1.0])
     centroid = corners.mean(1)
     along = second - centroid
@@ -80,7 +80,7 @@ def face_frames(vertices: Array, faces: Array) -> Frames:
 
 
 def moving_frames(vertices: Tensor, faces: Tensor) -> Frames:
-    """`face_frames` of vertices that are being trained: differentiable, and as precise as they are. [V, 3], [F, 3]."""
+    """Return `face_frames` of vertices in training: differentiable, in the precision of the vertices. [V, 3], [F, 3]."""
     corners = vertices[faces]
     first, second, third = corners.unbind(1)
     normals = torch.nn.functional.normalize(torch.linalg.cross(second - first, third - first), dim=1, eps=1e-20)
@@ -93,9 +93,9 @@ def moving_frames(vertices: Tensor, faces: Tensor) -> Frames:
 
 
 def _quats(rotations: Tensor) -> Tensor:
-    """Quaternions wxyz of rotation matrices, differentiable. [N, 3, 3] -> [N, 4].
+    """Return quaternions wxyz of rotation matrices, differentiable. [N, 3, 3] -> [N, 4].
 
-    Source: Shepperd, J. Guidance 1(3), 1978: four ways to divide by a part of the quaternion, the largest one is safe.
+    Source: Shepperd, J. Guidance 1(3), 1978: any component of the quaternion can be the divisor, and the largest one is safe.
     """
     (a, b, c), (d, e, f), (g, h, i) = (row.unbind(1) for row in rotations.unbind(1))
     rows = [
@@ -104,7 +104,7 @@ def _quats(rotations: Tensor) -> Tensor:
         [c - g, b + d, 1 - a + e - i, f + h],
         [d - b, c + g, f + h, 1 - a - e + i],
     ]
-    # Row k is four times the quaternion times its part k.
+    # Row k is the quaternion times four times its component k.
     table = torch.stack([torch.stack(row, 1) for row in rows], 1)
     largest = table.diagonal(dim1=1, dim2=2).argmax(1)
     return torch.nn.functional.normalize(table[torch.arange(len(table)), largest], dim=1, eps=1e-20)
@@ -116,14 +116,15 @@ class Binding:
 
     Args:
         kind: `games`, `games_vertices`, `soft`, `refined` or `unbound`.
-        vertices: Rest position of the mesh, table frame, m. [V, 3] float64.
-        faces: Numbers of the faces' vertices. [F, 3] int64.
+        vertices: Vertices of the rest mesh, table frame, m. [V, 3] float64.
+        faces: Vertex indices of the faces. [F, 3] int64.
         face_index: Face of each splat. [N] int64.
         band: Largest offset along the normal, m.
-        parameters: Raw values: `colour` [N, 3] and `opacity` [N] (a logit); bound splats have `weights` [N, 3], `offset` [N]
-            and `multiplier` [N]; refined also `turn` [N, 4] and `stretch` [N, 3] (logarithms); unbound has `means`, `quats`
-            and `stretch` (logarithms of the scales) instead of the binding. With a degree above 0, `harmonics` [N, K, 3] too.
-            While vertices move, theirs are the `vertices` [V, 3], m, in the place of those above.
+        parameters: Raw values. All kinds have `colour` [N, 3] and `opacity` [N] (a logit). Bound kinds have `weights` [N, 3];
+            `soft` and `refined` have `offset` [N]; all bound kinds but `refined` have `multiplier` [N]; `refined` has `turn`
+            [N, 4] and `stretch` [N, 3] (logarithms). `unbound` has `means`, `quats` and `stretch` (logarithms of the scales).
+            With a degree above 0 there are `harmonics` [N, K, 3]. While vertices are trained, `vertices` [V, 3], m, replaces
+            the field `vertices`.
     """
 
     kind: str
@@ -137,7 +138,7 @@ class Binding:
         return len(self.face_index)
 
     def frames(self, vertices: Array | None = None) -> Frames:
-        """Frame of each splat's face, on the rest mesh or one with other vertices [V, 3]. Rows follow the splats."""
+        """Return the frame of each splat's face, one row per splat, on the rest mesh or on other `vertices` [V, 3], m."""
         if vertices is None and "vertices" in self.parameters:
             frames = moving_frames(self.parameters["vertices"], torch.as_tensor(self.faces))
         else:
@@ -146,18 +147,18 @@ class Binding:
         return Frames(*(item[index] for item in frames))
 
     def settle(self) -> None:
-        """Take the vertices as the training moved them for the rest mesh; does nothing where vertices are fixed."""
+        """Make the trained vertices those of the rest mesh; do nothing if the vertices were not trained."""
         if "vertices" in self.parameters:
             self.vertices = self.parameters.pop("vertices").detach().numpy().astype(np.float64)
 
     def offsets(self) -> Tensor:
-        """Offset along the normal, m; zero for splats that have none. [N]."""
+        """Return the offset along the normal, m; zero for kinds without an offset. [N]."""
         if "offset" not in self.parameters:
             return torch.zeros(len(self))
         return self.band * torch.tanh(self.parameters["offset"])
 
     def shape(self, frames: Frames) -> SplatShape:
-        """Geometry of the splats in given face frames; differentiable with respect to the parameters."""
+        """Return the geometry of the splats in given face frames; differentiable with respect to the parameters."""
         p = self.parameters
         if self.kind == "unbound":
             return SplatShape(p["means"], p["quats"], torch.exp(p["stretch"]))
@@ -175,10 +176,10 @@ class Binding:
         return SplatShape(means, frames.quats, torch.cat([flat, frames.spreads * factor + 1e-8], dim=1))
 
     def evaluate(self, vertices: Array | None = None) -> Cloud:
-        """The splats on the rest mesh, or on a deformed one: centres, orientations, sizes and harmonics follow its faces.
+        """Return the splats on the rest mesh or a deformed one: centres, orientations, sizes and harmonics follow the faces.
 
         Args:
-            vertices: Deformed positions of the binding's own vertices, m; normals are computed anew. [V, 3].
+            vertices: Deformed positions of the binding's own vertices, m; normals are computed again. [V, 3].
 
         Raises:
             ValueError: The splats are unbound, or the number of vertices differs.
@@ -201,7 +202,7 @@ class Binding:
             )
 
     def _harmonics(self, deformed: Frames | None) -> Array:
-        """Harmonics on the rest mesh, or turned with the faces of a deformed one. [N, K, 3]."""
+        """Return the harmonics on the rest mesh, or turned with the faces of a deformed mesh. [N, K, 3]."""
         if "harmonics" not in self.parameters:
             return np.zeros((len(self), 0, 3), np.float32)
         harmonics = self.parameters["harmonics"].numpy()
@@ -212,14 +213,14 @@ class Binding:
 
 
 def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, seed: int, sh_degree: int = 0) -> Binding:
-    """Splats at their start: the same places, sizes, opacities and colours for every kind.
+    """Create splats at the start of training: with the same positions, sizes, opacities and colours for every kind.
 
     Args:
         kind: `games`, `games_vertices`, `soft`, `refined` or `unbound`.
         mesh: Evenly meshed surface, table frame, m.
-        splats_per_face: Splats on each face.
+        splats_per_face: Number of splats on each face.
         band: Largest offset along the normal, m.
-        seed: Seed of the places inside the faces.
+        seed: Seed of the positions inside the faces.
         sh_degree: Degree of the spherical harmonics, 0 to 3; they start at zero.
 
     Raises:
@@ -259,7 +260,7 @@ def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, 
 
 
 def _multiply(left: Tensor, right: Tensor) -> Tensor:
-    """Hamilton product (wxyz), differentiable. [N, 4]."""
+    """Return the Hamilton product of quaternions (wxyz), differentiable. [N, 4]."""
     lw, lx, ly, lz = left.unbind(1)
     rw, rx, ry, rz = right.unbind(1)
     return torch.stack(

@@ -1,4 +1,4 @@
-"""How bright photos are beside one another: the same places of a surface, seen in several, tell a camera that re-exposed."""
+"""Relative brightness of photos: surface points seen in several photos show whether the camera changed its exposure."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from gsbridge.meshes import Mesh
 from gsbridge.splats.targets import Target, shown_faces
 
 NOTICEABLE = 0.05
-"""Standard deviation of photos' logarithmic brightness from which `exposure: auto` fits each photo's own. A grey that is off by
-so much limits the PSNR to 40 dB, as noise does; a fit that was not needed costs next to nothing (docs/splats.md)."""
+"""Standard deviation of the photos' logarithmic brightness above which `exposure: auto` fits an exposure to each photo. A grey
+with such an error limits the PSNR to 40 dB, as noise does; an unnecessary fit costs next to nothing (docs/splats.md)."""
 
 _USABLE = 0.005, 0.9
-"""Linear light that is neither lost in noise nor near where a camera clips."""
+"""Range of linear light that is neither lost in noise nor close to the camera's clipping."""
 _FEWEST = 30
-"""Places from which a photo's brightness is told."""
+"""Smallest number of surface points from which a photo's brightness is estimated."""
 _ROUNDS = 20
 
 
 def brightness(mesh: Mesh, targets: Sequence[Target]) -> dict[str, Array]:
-    """Logarithms of how bright red, green and blue of each training photo are beside the others', by the places of a surface
-    that they share.
+    """Estimate the relative brightness of the training photos from the surface points that they share.
 
-    Each place has one brightness and each photo one factor; both are medians of what the other leaves, in turns (median polish,
-    Tukey 1977), so that highlights and shadows that move count little.
+    The model has one brightness per surface point and one factor per photo. Both are fitted in turns as medians of the residual
+    (median polish, Tukey 1977), so that moving highlights and shadows have little influence.
 
     Args:
         mesh: Surface that the photos show, table frame, m.
-        targets: Photos; the held-out ones are not looked at.
+        targets: Photos; held-out photos are not used.
 
     Returns:
-        By name of the photo; the median of each colour is 0. Photos that show too little of the surface are left out. [3].
+        By photo name, the natural logarithms of the factors of red, green and blue; the median over the photos is 0 for each
+        colour. Photos that show too few usable points are left out. [3] each.
     """
     names, rows = [], []
     for target, faces, pixels in shown_faces(mesh, targets):
@@ -48,7 +48,7 @@ def brightness(mesh: Mesh, targets: Sequence[Target]) -> dict[str, Array]:
         names.append(target.name)
         rows.append(light)
     table = np.array(rows)
-    # A place in a single photo tells nothing.
+    # A point seen in a single photo gives no information.
     table = table[:, np.isfinite(table[..., 0]).sum(0) >= 2]
     enough = np.isfinite(table[..., 0]).sum(1) >= _FEWEST
     if enough.sum() < 2:
@@ -64,5 +64,8 @@ def brightness(mesh: Mesh, targets: Sequence[Target]) -> dict[str, Array]:
 
 
 def spread(logarithms: Sequence[Array]) -> float:
-    """Standard deviation of photos' logarithmic brightness in the colour that differs most; 0 of less than two. [N][3]."""
+    """Return the standard deviation of logarithmic brightness over photos, of the colour where it is largest. [N][3].
+
+    It is 0 for fewer than two photos.
+    """
     return float(np.std(logarithms, axis=0).max()) if len(logarithms) > 1 else 0.0

@@ -1,7 +1,8 @@
-"""How many splats a scene needs: as many as its photos show pixels and texture.
+"""Number of splats that a scene needs, from the pixels and the texture in its photos.
 
-Splats that lie h pixels apart show the mean colour of h by h pixels, and leave the variance within as their error. The distance
-is chosen so that the error is small beside what else goes wrong; the number of splats follows from the surface, in pixels.
+Splats at a distance of h pixels show the mean colour of h by h pixels, and the variance within that square is their error. The
+distance is chosen so that this error is small compared with other errors. The number of splats then follows from the area of
+the surface in pixels.
 """
 
 from __future__ import annotations
@@ -17,24 +18,24 @@ from gsbridge.meshes import Mesh
 from gsbridge.splats.targets import Target, seen_faces
 
 TEXTURE_PSNR = 30.0
-"""PSNR that the distance of the splats alone would leave, dB: about that of soft splats on their training photos."""
+"""PSNR if the distance of the splats were the only error, dB: about the PSNR of soft splats on their training photos."""
 
 LEAST = 12_000
-"""Plain things get as many as by default: their outline needs splats, too."""
+"""Smallest number of splats, which is the default number: scenes without texture need splats for their outline, too."""
 
 _VIEWS = 24
-"""Photos that are looked at, evenly over the film."""
+"""Approximate number of photos that are used, spread evenly over the film."""
 _WIDTHS = (1, 3, 5, 7, 9, 13, 17, 25, 33)
-"""Windows in which variance is measured, px; within one pixel there is none."""
+"""Widths of the windows in which variance is measured, px; within one pixel the variance is 0."""
 
 
 def choose_splats(mesh: Mesh, targets: Sequence[Target], settings: SplatSettings, *, kind: str) -> int:
-    """Number of splats for `max_splats: auto`.
+    """Choose the number of splats for `max_splats: auto`.
 
     Args:
-        mesh: Surface that the splats hang on, table frame, m.
-        targets: Photos; the held-out ones are not looked at.
-        settings: `max_pixels`, at which texture is seen in training, and `most_splats`.
+        mesh: Surface to which the splats are bound, table frame, m.
+        targets: Photos; held-out photos are not used.
+        settings: Settings, of which `max_pixels` (the resolution of training), `splats_per_face` and `most_splats` are used.
         kind: `object` or `background`.
 
     Returns:
@@ -47,7 +48,10 @@ def choose_splats(mesh: Mesh, targets: Sequence[Target], settings: SplatSettings
 
 
 def texture_width(targets: Sequence[Target]) -> float:
-    """Width of a square, px, within which colours vary by the error of `TEXTURE_PSNR`; pixels beside the mask do not count."""
+    """Return the width of a square, px, in which the variance of colours is the error of `TEXTURE_PSNR`.
+
+    Pixels outside the mask do not count.
+    """
     errors = [0.0]
     for width in _WIDTHS[1:]:
         total, count = 0.0, 0.0
@@ -56,17 +60,17 @@ def texture_width(targets: Sequence[Target]) -> float:
             total += float((_variance(target.photo, inside, width) * inside).sum())
             count += float(inside.sum())
         errors.append(total / max(count, 1.0))
-    # Variance grows with the window; where noise says otherwise the smaller window counts.
+    # Variance should grow with the window; where noise breaks this, use the larger value of the smaller windows.
     return float(np.interp(10 ** (-TEXTURE_PSNR / 10), np.maximum.accumulate(errors), _WIDTHS))
 
 
 def surface_pixels(mesh: Mesh, targets: Sequence[Target], seen: Array) -> float:
-    """Pixels that the surface would have if each of its faces was looked at head-on from the distance of the photos.
+    """Return the number of pixels that the surface would have if the photos saw each face head-on from their mean distance.
 
     Args:
         mesh: Surface, table frame, m.
         targets: Photos.
-        seen: Faces that count. [F] bool.
+        seen: Mask of the faces that count. [F] bool.
     """
     centroids, areas = mesh.corners().mean(1), mesh.areas()
     density, count = np.zeros(len(areas)), np.zeros(len(areas))
@@ -82,7 +86,7 @@ def surface_pixels(mesh: Mesh, targets: Sequence[Target], seen: Array) -> float:
 
 
 def _variance(photo: Array, inside: Array, width: int) -> Array:
-    """Variance of the colour in a square window over the pixels that count, 0..1 squared, mean of the channels. [H, W]."""
+    """Return the variance of the colour (0..1) in a square window over the pixels inside, mean of the channels. [H, W]."""
     image = photo.astype(np.float32) / 255
     share = np.maximum(cv2.blur(inside, (width, width)), 1e-6)[..., None]
     mean = cv2.blur(image * inside[..., None], (width, width)) / share

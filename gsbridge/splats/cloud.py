@@ -1,4 +1,4 @@
-"""The Gaussian set of one model: where each splat is, its shape, opacity and colour."""
+"""The set of Gaussians of one model: position, shape, opacity and colour of each splat."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from gsbridge.geometry import Array, Similarity, quat_from_rotation, quat_multip
 from gsbridge.splats.harmonics import degree_of, turned
 
 SH_C0 = 0.28209479177387814
-"""Constant spherical harmonic, 1 / (2 sqrt(pi)): the 3DGS files store `(rgb - 0.5) / SH_C0`."""
+"""Constant spherical harmonic, 1 / (2 sqrt(pi)): 3DGS files store `(rgb - 0.5) / SH_C0`."""
 
 FIELDS = ("means", "quats", "scales", "opacities", "colours", "harmonics")
-"""Arrays of a `Cloud`, in the order in which it takes them."""
+"""Arrays of a `Cloud`, in the order of its arguments."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,11 @@ class Cloud:
         means: Centres, m. [N, 3] float32.
         quats: Orientation of the axes, unit wxyz. [N, 4] float32.
         scales: Standard deviations along the axes, m. [N, 3] float32.
-        opacities: 0..1. [N] float32.
-        colours: sRGB as in the photos, 0..1; with harmonics, the part without a direction. [N, 3] float32.
-        harmonics: How colours depend on the direction of view, in the frame of the cloud (`gsbridge.splats.harmonics`); K is 0,
-            3, 8 or 15. Left out, colours have no direction. [N, K, 3] float32.
+        opacities: Opacities, 0..1. [N] float32.
+        colours: sRGB as in the photos, 0..1; with harmonics, the part that does not depend on direction. [N, 3] float32.
+        harmonics: Coefficients of the colours' dependence on viewing direction, in the cloud's frame
+            (`gsbridge.splats.harmonics`); K is 0, 3, 8 or 15. Without them, colours do not depend on direction. [N, K, 3]
+            float32.
     """
 
     means: Array
@@ -56,15 +57,15 @@ class Cloud:
 
     @property
     def sh_degree(self) -> int:
-        """Degree of the spherical harmonics; 0 where colours have no direction."""
+        """Degree of the spherical harmonics; 0 if colours do not depend on direction."""
         return degree_of(self.harmonics.shape[1])
 
     def subset(self, keep: Array) -> Cloud:
-        """The splats that an index or a truth value selects. [N] or [M]."""
+        """Return the splats that a mask (bool [N]) or indices ([M]) select."""
         return Cloud(*(getattr(self, name)[keep] for name in FIELDS))
 
     def transformed(self, target_from_source: Similarity) -> Cloud:
-        """Return the splats in another frame, or moved: means, orientations, sizes and harmonics follow.
+        """Return the splats in another frame, or moved: means, orientations, sizes and harmonics are transformed.
 
         Source: Wu et al., RL-GSBridge, equation 3, extended by the scale.
         """
@@ -80,12 +81,12 @@ class Cloud:
         )
 
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest corner of the centres, m. [3], [3]."""
+        """Return the lowest and highest corner of the centres' bounding box, m. [3], [3]."""
         return self.means.min(0), self.means.max(0)
 
 
 def concatenate(clouds: Sequence[Cloud]) -> Cloud:
-    """All splats of several clouds in one, in the given order, with the harmonics of the one that has most.
+    """Join several clouds in the given order; all get as many harmonics as the cloud that has most, filled up with zeros.
 
     Raises:
         ValueError: No cloud was given.

@@ -1,4 +1,4 @@
-"""How large the triangles of a background may be where: small where many pixels see much detail."""
+"""Local triangle sizes of a background: small where many pixels show much detail."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ SMALLEST, LARGEST = 0.25, 2.83
 """Bounds of the edge length, relative to its median."""
 
 SAMPLES = 40_000
-"""Points on the surface at which pixels and detail are counted."""
+"""Number of points on the surface at which pixel density and detail are measured."""
 
 VIEWS = 24
-"""Photos that are looked at, evenly over the film."""
+"""Approximate number of photos that are used, spread evenly over the film."""
 
 WINDOW = 0.006
-"""Width over which colours are compared, m: about the edge of a splat's triangle."""
+"""Width of the window in which the variance of colours is measured, m: about the edge of a splat's triangle."""
 
 NOISE = 0.01
-"""Standard deviation of colours, sRGB, that is no detail: noise of photos, and a floor for plain surfaces."""
+"""Standard deviation of colours, sRGB, that is added to the detail everywhere, so that it has a floor on plain surfaces."""
 
 
 @dataclass(frozen=True)
 class Focus:
-    """A square of the table that matters more than the photos tell: there the robot works, and its own camera looks from near.
+    """A square of the table that gets more weight than the photos give it: there the robot works, and its camera is near.
 
     Args:
-        centre: Table frame, m. [2].
+        centre: Centre of the square, table frame, m. [2].
         side: Edge of the square, m.
-        gain: Factor on the pixels that the photos have of it.
+        gain: Factor on the density of pixels in the square.
     """
 
     centre: tuple[float, float]
@@ -44,22 +44,23 @@ class Focus:
     gain: float
 
     def gains(self, points: Array) -> Array:
-        """Factor at each point. [N, 3] -> [N]."""
+        """Return the factor at each point. [N, 3] -> [N]."""
         away = np.abs(np.asarray(points)[:, :2] - self.centre).max(1)
         return np.where(away <= 0.5 * self.side, self.gain, 1.0)
 
 
 def edge_sizes(mesh: Mesh, targets: Sequence[Target], focus: Focus | None = None, seed: int = 0) -> Callable[[Mesh], Array]:
-    """Relative edge lengths that spread the splats' errors evenly.
+    """Compute relative edge lengths that make the sum of the splats' errors least.
 
-    A splat of width h leaves an error of about s^2 (h / L)^2 per pixel in texture of variance s^2, which r pixels per area see.
-    For a given number of splats the sum over the surface is least where h goes with (r s^2)^(-1/4).
+    A splat of width h leaves an error of about s^2 (h / L)^2 per pixel in texture of variance s^2 and a length scale L, which
+    is taken as the same everywhere. If r pixels per area see the texture, the sum of errors over the surface for a given number
+    of splats is least where h is proportional to (r s^2)^(-1/4).
 
     Args:
         mesh: Surface, table frame, m.
-        targets: Photos; the held-out ones are not looked at.
-        focus: Where pixels count more.
-        seed: Seed of the points.
+        targets: Photos; held-out photos are not used.
+        focus: Square in which pixels count more; None for none.
+        seed: Seed of the sampled points.
 
     Returns:
         Function from a mesh of this surface to the relative edge length at each of its faces. [F].
@@ -92,7 +93,7 @@ def edge_sizes(mesh: Mesh, targets: Sequence[Target], focus: Focus | None = None
     weight = (density[seen] / len(training)) * (detail[seen] / count[seen] + NOISE**2)
     if focus is not None:
         weight = weight * focus.gains(points[seen])
-    # A quarter power of neighbours' mean: single points would make speckles of triangles.
+    # Average over neighbours before taking the power: single points would give a speckled pattern of triangle sizes.
     tree = cKDTree(points[seen])
     smooth = weight[tree.query(points[seen], k=24)[1]].mean(1)
     sizes = smooth**-0.25
@@ -101,7 +102,7 @@ def edge_sizes(mesh: Mesh, targets: Sequence[Target], focus: Focus | None = None
 
 
 def _variance(photo: Array, width: int) -> Array:
-    """Local variance of the colour in a square window, sRGB^2, mean of the channels. [H, W]."""
+    """Return the local variance of the colour in a square window, sRGB^2, mean of the channels. [H, W]."""
     image = photo.astype(np.float32) / 255.0
     mean = cv2.blur(image, (width, width))
     return np.maximum(cv2.blur(image * image, (width, width)) - mean * mean, 0.0).mean(-1)

@@ -1,4 +1,4 @@
-"""How well splats show the photos: PSNR, SSIM, LPIPS and the overlap of their silhouette with the mask."""
+"""Quality of splats against photos: PSNR, SSIM, LPIPS and the overlap (IoU) of their silhouette with the mask."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ logger = logging.getLogger("gsbridge")
 SPLITS = ("train", "held_out")
 REGIONS = ("masked", "full")
 SURE = 0.95
-"""Alpha from which a pixel's colour tells the exposure of its photo."""
+"""Alpha above which a pixel is used to fit the exposure of a held-out photo."""
 AMPLIFIED = 5.0
-"""Factor of the difference pictures."""
+"""Factor by which differences are amplified in the pictures."""
 
 
 def render_cloud(cloud: Cloud, camera: Camera, cam_from_table: Array, exposure: Exposure | None = None) -> tuple[Array, Array]:
-    """Colour over black [H, W, 3] and alpha [H, W] of a cloud, float32.
+    """Render colour over black [H, W, 3] and alpha [H, W] of a cloud, float32.
 
     Args:
         cloud: The Gaussians, table frame.
         camera: Pinhole camera.
         cam_from_table: Pose of the camera. [4, 4].
-        exposure: Exposure of the photo that is shown; None to show the colours of the splats.
+        exposure: Exposure with which the splats' colours are shown; None for the colours as they are.
     """
     if exposure is not None:
         shown = viewed(cloud.means, cloud.colours, cloud.harmonics, camera_centre(cam_from_table))
@@ -62,20 +62,20 @@ def evaluate_cloud(
     lpips: Lpips | None = None,
     exposures: Mapping[str, Exposure] | None = None,
 ) -> dict[str, dict[str, dict[str, Any]]]:
-    """Mean metrics over the views of each split and region.
+    """Compute the mean metrics over the views of each split and region.
 
     `masked` counts the pixels of the mask (objects) or of the table mesh (backgrounds) and compares with the photo as it was
-    taken: an object's rendering is laid over the photo's own background, in linear light as a lens mixes them. `full` counts
-    the whole frame, which is the paper's protocol: objects stand on black, cut out and unmixed as in training; backgrounds
-    are compared with the bare photo.
+    taken. For this, an object's rendering is laid over the photo's own background, mixed in linear light as in a lens. `full`
+    counts the whole frame, as in the paper. For it, objects are on black, with the photo cut out and unmixed as in training;
+    backgrounds are compared with the photo itself.
 
     Args:
         cloud: Trained splats.
         targets: Photos of both splits.
         kind: `object` or `background`.
-        lpips: Perceptual metric, where its weights are there.
-        exposures: Exposures of the training photos, by name; each half of a held-out photo then gets the exposure that its
-            other half tells. None where all photos have one exposure.
+        lpips: Perceptual metric; None if its weights are not available.
+        exposures: Exposures of the training photos, by name; each half of a held-out photo then gets the exposure that was
+            fitted to its other half. None if all photos have one exposure.
 
     Returns:
         `[split][region]` with `views`, `psnr` (dB), `ssim`, `lpips`, `alpha_iou` (objects only); None where not measured.
@@ -99,13 +99,13 @@ def evaluate_cloud(
 def _rendered(
     cloud: Cloud, target: Target, camera: Camera, left: int, top: int, exposures: Mapping[str, Exposure] | None
 ) -> tuple[Array, Array]:
-    """Colour over black and alpha of a target's view, in its exposure.
+    """Render colour over black and alpha of a target's view, in the exposure of its photo.
 
     Args:
         cloud: Splats.
         target: Photo.
         camera: Camera of the whole photo or of the target's part of it.
-        left, top: Where the part lies in that camera's image, px.
+        left, top: Position of the target's part in that camera's image, px.
         exposures: See `evaluate_cloud`.
     """
     pose = target.cam_from_table
@@ -118,7 +118,7 @@ def _rendered(
     part = np.s_[top : top + height, left : left + width]
     share = alphas[part]
     sure = (target.weight == 255) & (share > SURE)
-    # As many pixels left of the middle as right of it.
+    # Split the photo so that both halves have the same number of usable pixels.
     middle = int(np.median(np.nonzero(sure)[1])) + 1 if sure.any() else width // 2
     columns = np.arange(width)
     drawn = linear_from_srgb(np.clip(colours[part] / np.maximum(share, 1e-4)[..., None], 0, 1))
@@ -135,7 +135,7 @@ def _rendered(
 def _measure(
     cloud: Cloud, target: Target, kind: str, lpips: Lpips | None, exposures: Mapping[str, Exposure] | None
 ) -> list[tuple[float, ...]]:
-    """PSNR, SSIM, LPIPS and alpha IoU of one photo, masked and full."""
+    """Return PSNR, SSIM, LPIPS and alpha IoU of one photo, for the regions `masked` and `full`."""
     whole = target.whole
     colours, alphas = _rendered(cloud, target, whole, target.left, target.top, exposures)
     height, width = target.photo.shape[:2]
@@ -156,7 +156,7 @@ def _measure(
         shown_in_place[part] = _laid_over(colours[part], alphas[part], behind)
         inside, shown = weight > 0.5, alphas > 0.5
         iou = float((inside & shown).sum() / max((inside | shown).sum(), 1))
-    # Outside this window both images are equal: there the error is 0 and the similarity 1.
+    # Outside this window both images are equal, so the error is 0 and the similarity 1 there.
     window = _window((alphas > 0) | (photo.max(-1) > 0), 2 * SSIM_RADIUS + 1)
     rows: list[tuple[float, ...]] = []
     for region, image, reference, count in (
@@ -184,14 +184,14 @@ def _measure(
 
 
 def _laid_over(colours: Array, alphas: Array, behind: Array) -> Array:
-    """A rendering over a photo's background, mixed in linear light. [H, W, 3], [H, W], [H, W, 3] linear -> sRGB [H, W, 3]."""
+    """Lay a rendering over a background, mixed in linear light. [H, W, 3], [H, W], [H, W, 3] linear -> sRGB [H, W, 3]."""
     own = linear_from_srgb(np.clip(colours / np.maximum(alphas, 1e-4)[..., None], 0, 1))
     share = np.clip(alphas, 0, 1)[..., None]
     return np.clip(srgb_from_linear(share * own + (1 - share) * behind), 0, 1)
 
 
 def _window(used: Array, margin: int) -> tuple[slice, slice]:
-    """Slices of the bounding box of true pixels and a margin, px; everything where none is true."""
+    """Return slices of the bounding box of true pixels with a margin, px; the whole image if no pixel is true."""
     rows, columns = np.flatnonzero(used.any(1)), np.flatnonzero(used.any(0))
     if len(rows) == 0:
         return np.s_[:, :]
@@ -211,14 +211,14 @@ def write_pictures(
     count: int,
     exposures: Mapping[str, Exposure] | None = None,
 ) -> list[str]:
-    """Store photo, rendering and amplified difference side by side, for held-out views spread over the path.
+    """Write photo, rendering and amplified difference side by side, for held-out views spread over the path.
 
     Args:
-        folder: Replaced whole.
+        folder: Folder for the pictures; an existing one is replaced as a whole.
         cloud: Trained splats.
-        targets: Photos; where none is held out, training photos are shown.
+        targets: Photos; if none is held out, training photos are shown.
         kind: `object` or `background`.
-        count: Number of pictures.
+        count: Largest number of pictures.
         exposures: See `evaluate_cloud`.
 
     Returns:
@@ -232,7 +232,7 @@ def write_pictures(
             colours, alphas = _rendered(cloud, target, target.camera, 0, 0, exposures)
             weight = target.weight.astype(np.float32)[..., None] / 255
             photo = target.photo.astype(np.float32) / 255
-            # Grey behind an object shows dark and light halos alike.
+            # Use grey behind an object, on which both dark and light halos are visible.
             behind = 0.5
             shown = colours + behind * (1 - alphas[..., None])
             photo = photo * weight + behind * (1 - weight) if kind == "object" else photo

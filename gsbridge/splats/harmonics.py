@@ -1,11 +1,11 @@
-"""Real spherical harmonics of degree 1 to 3: how a splat's colour depends on where it is seen from.
+"""Real spherical harmonics of degree 1 to 3: the dependence of a splat's colour on the viewing direction.
 
-Seen along the unit direction d from the camera to its centre, a splat shows `max(colour + sum_k h_k Y_k(d), 0)`: 3D Gaussian
-splatting's convention, in which `colour` already is the constant term. Within a degree l the functions run from m = -l to l;
-they are `sqrt(2) Im Y_l^|m|`, `Y_l^0` and `sqrt(2) Re Y_l^m` with the phase of Condon and Shortley.
+Seen along the unit direction d from the camera to its centre, a splat shows `max(colour + sum_k h_k Y_k(d), 0)`. This is the
+convention of 3D Gaussian splatting, with the constant term already in `colour`. Within a degree l the functions are ordered
+from m = -l to l; they are `sqrt(2) Im Y_l^|m|`, `Y_l^0` and `sqrt(2) Re Y_l^m` with the Condon-Shortley phase.
 
-A turned splat takes its harmonics along: what the film saw from a side of the object shows from that side wherever it lies. The
-lamp does not turn with it, so a highlight that moves with its object is as the film's lamp would make it, not the room's.
+Harmonics turn with their splat: what the film saw from one side of an object is shown from that side in every pose of the
+object. The lamp does not turn, so a highlight on a moved object is the one that the film's lamp made, not one of the room's.
 
 Source: Kerbl et al., "3D Gaussian splatting", 2023; Sloan, "Stupid spherical harmonics tricks", 2008 (the polynomials).
 """
@@ -21,7 +21,7 @@ import numpy as np
 from gsbridge.geometry import Array
 
 TERMS = (0, 3, 8, 15)
-"""Harmonics beside the constant one, by degree."""
+"""Number of harmonics besides the constant one, by degree."""
 
 _1 = math.sqrt(3 / (4 * math.pi))
 _2A = math.sqrt(15 / (4 * math.pi))
@@ -35,7 +35,7 @@ _3E = math.sqrt(105 / (16 * math.pi))
 
 
 def first(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """Values of the three functions of degree 1.
+    """Return the values of the three functions of degree 1.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays, tensors, or a kernel's lanes.
@@ -44,7 +44,7 @@ def first(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
 
 def second(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """Values of the five functions of degree 2.
+    """Return the values of the five functions of degree 2.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays, tensors, or a kernel's lanes.
@@ -59,7 +59,7 @@ def second(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
 
 def third(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """Values of the seven functions of degree 3.
+    """Return the values of the seven functions of degree 3.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays, tensors, or a kernel's lanes.
@@ -76,7 +76,7 @@ def third(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
 
 def first_slopes(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """Derivatives of `first` by x, y and z, function after function: nine values.
+    """Return the derivatives of `first` by x, y and z, function by function: nine values.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays, tensors, or a kernel's lanes.
@@ -86,7 +86,7 @@ def first_slopes(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
 
 def second_slopes(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """Derivatives of `second` by x, y and z, function after function: fifteen values.
+    """Return the derivatives of `second` by x, y and z, function by function: fifteen values.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays, tensors, or a kernel's lanes.
@@ -102,7 +102,7 @@ def second_slopes(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
 
 def third_slopes(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """Derivatives of `third` by x, y and z, function after function: twenty-one values.
+    """Return the derivatives of `third` by x, y and z, function by function: twenty-one values.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays, tensors, or a kernel's lanes.
@@ -120,10 +120,10 @@ def third_slopes(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
 
 def degree_of(terms: int) -> int:
-    """Degree whose harmonics, the constant one aside, have this number.
+    """Return the degree with this number of harmonics besides the constant one.
 
     Raises:
-        ValueError: No degree from 0 to 3 has this number.
+        ValueError: No degree from 0 to 3 has this number of harmonics.
     """
     if terms not in TERMS:
         raise ValueError(f"{terms} harmonics belong to no degree: there are {', '.join(map(str, TERMS))} of degree 0 to 3")
@@ -131,11 +131,11 @@ def degree_of(terms: int) -> int:
 
 
 def basis(x: Any, y: Any, z: Any, degree: int) -> tuple[Any, ...]:
-    """Values of all functions of degree 1 to `degree`. Kernels cannot call it.
+    """Return the values of all functions of degree 1 to `degree`. Compiled kernels cannot call this function.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays or tensors.
-        degree: 0 to 3.
+        degree: Highest degree, 0 to 3.
     """
     values: tuple[Any, ...] = ()
     for function in (first, second, third)[:degree]:
@@ -145,7 +145,7 @@ def basis(x: Any, y: Any, z: Any, degree: int) -> tuple[Any, ...]:
 
 @cache
 def _probes() -> Array:
-    """Directions spread evenly over the sphere, enough to tell all functions apart. [32, 3]."""
+    """Return directions spread evenly over the sphere, enough to determine all coefficients. [32, 3]."""
     count = 32
     z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
     angle = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
@@ -155,27 +155,27 @@ def _probes() -> Array:
 
 @cache
 def _from_probes(degree: int) -> Array:
-    """Harmonics from the values that a function has at the probes. [K, 32]."""
+    """Return the matrix that maps a function's values at the probes to its coefficients. [K, 32]."""
     x, y, z = _probes().T
     return np.asarray(np.linalg.pinv(np.stack(basis(x, y, z, degree), axis=1)))
 
 
 def turned(harmonics: Array, rotation: Array) -> Array:
-    """Harmonics of the same colours on splats that were turned.
+    """Return the harmonics of turned splats.
 
-    Each degree turns within itself, so that the values at some directions tell the turned function exactly.
+    A rotation maps the functions of one degree to each other, so values at the probes determine the turned function exactly.
 
     Args:
-        harmonics: Rows k of colours. [N, K, 3].
-        rotation: New from old frame: one of all splats [3, 3], or one each [N, 3, 3].
+        harmonics: Coefficients of the colours. [N, K, 3].
+        rotation: `new_from_old`, one for all splats [3, 3] or one for each [N, 3, 3].
 
     Returns:
-        As `harmonics`, float32. [N, K, 3].
+        Coefficients in the new frame, float32. [N, K, 3].
     """
     degree = degree_of(harmonics.shape[1])
     if degree == 0:
         return harmonics
-    # The turned function at d is the old one at the direction that d came from: R^T d.
+    # The value of the turned function at d is that of the old function at R^T d.
     x, y, z = np.moveaxis(_probes() @ np.asarray(rotation, dtype=np.float64), -1, 0)
     values = np.stack(basis(x, y, z, degree), axis=-1)
     return np.asarray((_from_probes(degree) @ values) @ harmonics, dtype=np.float32)

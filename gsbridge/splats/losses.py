@@ -1,7 +1,7 @@
-"""The training loss: L1 and structural similarity, value and gradient from one pass of compiled kernels.
+"""The training loss: L1 and structural similarity (SSIM), with value and gradient from one pass of compiled kernels.
 
-SSIM with a Gaussian window of 11x11 px and sigma 1.5, images 0..1, zero beyond the border, as 3D Gaussian splatting trains. The
-window is separable, and colours may stay interleaved: along a row the taps are three values apart.
+SSIM uses a Gaussian window of 11x11 px with sigma 1.5 on images 0..1, which are zero beyond the border, as in the training of
+3D Gaussian splatting. The window is separable. Colours stay interleaved: along a row the taps are three values apart.
 
 Source: Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004.
 """
@@ -26,12 +26,12 @@ SIGMA_PX = 1.5
 C1, C2 = 0.01**2, 0.03**2
 _STEP = 3
 _PAD = 16
-"""Zeros before and after a row, at least `RADIUS * _STEP`."""
+"""Number of zeros before and after a row, at least `RADIUS * _STEP`."""
 _ROWS = 2 * RADIUS + 1
 
 
 def window() -> Array:
-    """One axis of the window, centre first: taps at distance 0..5 px. [6]."""
+    """Return one axis of the window, centre first: the taps at distances 0..5 px. [6]."""
     distance = np.arange(RADIUS + 1)
     taps = np.exp(-0.5 * (distance / SIGMA_PX) ** 2)
     return (taps / (taps[0] + 2.0 * taps[1:].sum())).astype(np.float32)
@@ -42,7 +42,7 @@ TAPS = window()
 
 @njit(error_model="numpy")
 def _blur_along(taps: Array, source: Array, start: int, target: Array, to: int, stride: int) -> None:
-    """Window along a padded, interleaved row."""
+    """Apply the window along a padded, interleaved row."""
     w0, w1, w2 = load_spread(taps, 0), load_spread(taps, 1), load_spread(taps, 2)
     w3, w4, w5 = load_spread(taps, 3), load_spread(taps, 4), load_spread(taps, 5)
     for i in range(0, stride, WIDTH):
@@ -55,7 +55,7 @@ def _blur_along(taps: Array, source: Array, start: int, target: Array, to: int, 
 
 @njit(error_model="numpy")
 def _blur_across(taps: Array, ring: Array, rows: Array, offset: int, target: Array, to: int, stride: int) -> None:
-    """Window across eleven rows of the ring, `rows` holding their starts from the top."""
+    """Apply the window across eleven rows of the ring buffer; `rows` holds their start indices, topmost first."""
     w0, w1, w2 = load_spread(taps, 0), load_spread(taps, 1), load_spread(taps, 2)
     w3, w4, w5 = load_spread(taps, 3), load_spread(taps, 4), load_spread(taps, 5)
     a5, a4, a3, a2, a1 = rows[0] + offset, rows[1] + offset, rows[2] + offset, rows[3] + offset, rows[4] + offset
@@ -88,7 +88,7 @@ def _compare_band(
     gradient: Array,
     sums: Array,
 ) -> None:
-    """Compare rows first..last: fill the rows' sums, the L1 gradient and the three maps that `_gather_band` blurs back."""
+    """Compare the rows from `first` to `last - 1`: fill their sums, the L1 gradient and the three maps for `_gather_band`."""
     image, target = images
     span = stride + 2 * _PAD
     padded, ring = np.zeros(5 * span, np.float32), np.zeros(_ROWS * 5 * stride, np.float32)
@@ -143,7 +143,10 @@ def _compare_band(
 def _gather_band(
     taps: Array, images: tuple[Array, ...], first: int, last: int, height: int, stride: int, maps: Array, gradient: Array
 ) -> None:
-    """Blur the three maps back (the window is symmetric) and add them to the gradient of rows first..last."""
+    """Add the gradient of SSIM to the rows from `first` to `last - 1`.
+
+    The transpose of the blur is applied to the three maps; it is the blur itself, because the window is symmetric.
+    """
     image, target = images
     span = stride + 2 * _PAD
     padded, ring = np.zeros(span, np.float32), np.zeros(_ROWS * 3 * stride, np.float32)
@@ -188,7 +191,7 @@ def _compare(
     gradient: Array,
     sums: Array,
 ) -> None:
-    """Loss and gradient on one thread."""
+    """Compute loss and gradient on one thread."""
     _compare_band(taps, images, weights, weight_step, 0, height, height, stride, factors, maps, gradient, sums)
     if with_gradient:
         _gather_band(taps, images, 0, height, height, stride, maps, gradient)
@@ -209,7 +212,7 @@ def _compare_parallel(
     sums: Array,
     bands: int,
 ) -> None:
-    """`_compare` in bands of rows; every row is computed in the same way, so the result is the same to the last bit."""
+    """Do the work of `_compare` in bands of rows; every row is computed in the same way, so the result is bitwise the same."""
     for band in prange(bands):
         first, last = height * band // bands, height * (band + 1) // bands
         _compare_band(taps, images, weights, weight_step, first, last, height, stride, factors, maps, gradient, sums)
@@ -220,7 +223,7 @@ def _compare_parallel(
 
 
 def _rows(image: Array, stride: int) -> Array:
-    """Image as flat rows of `stride` values, zero beyond the image; the same memory where nothing is missing."""
+    """Return an image as flat rows of `stride` values, filled up with zeros; no copy is made if nothing is missing."""
     rows = np.ascontiguousarray(image, dtype=np.float32).reshape(len(image), -1)
     missing = stride - rows.shape[1]
     return (np.pad(rows, ((0, 0), (0, missing))) if missing else rows).reshape(-1)
@@ -229,7 +232,7 @@ def _rows(image: Array, stride: int) -> Array:
 def _evaluate(
     image: Array, target: Array, weights: Array | None, ssim_weight: float, gradient: bool
 ) -> tuple[float, float, Array]:
-    """Weighted mean of L1 and SSIM, and the gradient of the mixed loss. [H, W, 3] -> float, float, [H, W, 3]."""
+    """Return the weighted means of L1 and SSIM and the gradient of the mixed loss. [H, W, 3] -> float, float, [H, W, 3]."""
     height, width = image.shape[:2]
     length = _STEP * width
     stride = -(-length // WIDTH) * WIDTH
@@ -254,7 +257,7 @@ def _evaluate(
 
 
 class _L1Ssim(torch.autograd.Function):
-    """Autograd around the kernels: the gradient is ready after the forward pass and only scaled in the backward pass."""
+    """Autograd wrapper of the kernels: the forward pass computes the gradient, and the backward pass only scales it."""
 
     @staticmethod
     def forward(
@@ -276,16 +279,16 @@ class _L1Ssim(torch.autograd.Function):
 def l1_ssim(
     image: torch.Tensor, target: torch.Tensor, weight: torch.Tensor | None = None, ssim_weight: float = 0.2
 ) -> torch.Tensor:
-    """`(1 - s) mean |image - target| + s (1 - mean SSIM)`, differentiable in `image`.
+    """Return `(1 - s) mean |image - target| + s (1 - mean SSIM)`, differentiable in `image`.
 
     Args:
         image: Rendered RGB 0..1. [H, W, 3].
         target: Photo. [H, W, 3].
-        weight: Weight of each pixel in both means, not negative; all equal when None. [H, W].
+        weight: Weight of each pixel in both means, not negative; None for equal weights. [H, W].
         ssim_weight: s, 0..1.
 
     Returns:
-        The loss, a scalar; 0 where all weights are 0.
+        The loss, a scalar; 0 if all weights are 0.
 
     Raises:
         ValueError: The shapes do not fit together.

@@ -1,4 +1,4 @@
-"""LPIPS, the perceptual distance of the paper's table, from weights that the user gives; nothing is downloaded.
+"""LPIPS, the perceptual distance in the paper's table, with weights from a file of the user; nothing is downloaded.
 
 Source: Zhang et al., CVPR 2018 (version 0.1, VGG-16); layer numbers as in torchvision's `vgg16().features`.
 """
@@ -16,7 +16,7 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 
 BLOCKS = ((0, 2), (5, 7), (10, 12, 14), (17, 19, 21), (24, 26, 28))
-"""Numbers of the convolutions of each block; features are taken after the last one, a pooling stands before each next block."""
+"""Layer numbers of each block's convolutions. Features are taken after the last one of a block; pooling separates blocks."""
 
 SHIFT = (-0.030, -0.088, -0.188)
 SCALE = (0.458, 0.448, 0.450)
@@ -27,11 +27,11 @@ _LINEAR = re.compile(r"(?:^|\.)lin(\d)\.model\.1\.weight$")
 
 
 class Lpips:
-    """The distance, with its weights.
+    """The LPIPS distance with its weights.
 
     Args:
-        path: A `torch.save`d mapping that holds VGG-16's convolutions (`features.0.weight` … or, as in a saved LPIPS model,
-            `net.slice1.0.weight` …) and LPIPS's linear layers (`lin0.model.1.weight` …).
+        path: File of a mapping, written by `torch.save`, with VGG-16's convolutions (`features.0.weight` … or, as in a saved
+            LPIPS model, `net.slice1.0.weight` …) and LPIPS's linear layers (`lin0.model.1.weight` …).
 
     Raises:
         InputError: The file is missing, damaged or incomplete.
@@ -67,7 +67,7 @@ class Lpips:
             )
 
     def _features(self, image: Array) -> list[Tensor]:
-        """Unit feature vectors of each block. [1, C, h, w] each."""
+        """Return the unit feature vectors of each block. [1, C, h, w] each."""
         x = torch.as_tensor(image, dtype=torch.float32).permute(2, 0, 1)[None] * 2 - 1
         x = (x - torch.tensor(SHIFT).view(1, 3, 1, 1)) / torch.tensor(SCALE).view(1, 3, 1, 1)
         out = []
@@ -81,7 +81,7 @@ class Lpips:
         return out
 
     def __call__(self, image: Array, reference: Array) -> float:
-        """Distance of two images, 0..1 RGB, at least 16 px on each side. [H, W, 3]."""
+        """Return the distance between two images, 0..1 RGB, at least 16 px on each side. [H, W, 3] each."""
         with torch.no_grad():
             pairs = zip(self._features(image), self._features(reference), strict=True)
             terms = [

@@ -1,8 +1,9 @@
 """The standard 3DGS PLY file, which SuperSplat and other viewers open.
 
-Per splat, 32-bit little-endian: `x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3`, where colour is the constant
-spherical harmonic, opacity a logit, scale a natural logarithm and rot a quaternion wxyz. `f_rest_*` are the K other harmonics
-(`gsbridge.splats.harmonics`), channel by channel: all of red, then green, then blue; degree 0 has none.
+Each splat has the 32-bit little-endian values `x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3`. `f_dc` is the
+coefficient of the constant spherical harmonic, `opacity` a logit, `scale` a natural logarithm and `rot` a quaternion wxyz.
+`f_rest_*` are the K other harmonics (`gsbridge.splats.harmonics`) by channel: all of red, then green, then blue; degree 0 has
+none.
 
 Source: Kerbl et al., 3D Gaussian Splatting, 2023 (file layout of the reference implementation).
 """
@@ -25,24 +26,24 @@ PROPERTIES = (
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
     *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
 )
-"""Properties of splats whose colours have no direction; otherwise `f_rest_*` stand before the opacity."""
+"""Properties of splats whose colours do not depend on direction; otherwise `f_rest_*` come before the opacity."""
 
 _OPACITY = PROPERTIES.index("opacity")
 
 SMALLEST_SCALE = 1e-9
-"""Scales are stored as logarithms, so that zero is not possible, m."""
+"""Smallest scale that is written, m: scales are stored as logarithms, so zero is not possible."""
 
 OPACITY_MARGIN = 1e-6
-"""Opacities are stored as logits, so that exactly 0 and 1 are not possible."""
+"""Smallest distance of a written opacity from 0 and 1: opacities are stored as logits, so 0 and 1 are not possible."""
 
 LARGEST_PLY = 2 * 2**30
-"""Largest size of a file, bytes: 8 million splats with all harmonics, 31 million without."""
+"""Largest size of a file that is read, bytes: 8 million splats with all harmonics, 31 million without."""
 
 _LARGEST_HEADER = 2**16
-"""Longest header, bytes. That of splats with all harmonics has one or two kilobytes."""
+"""Largest header that is read, bytes; the header of splats with all harmonics has one or two kilobytes."""
 
 _SHORTEST_QUAT = 1e-30
-"""Least length of a quaternion that still has a direction."""
+"""Length below which a quaternion counts as zero."""
 
 _TYPES = {
     **{
@@ -94,7 +95,7 @@ def read_ply(path: str | Path) -> Cloud:
     """Read a cloud.
 
     Raises:
-        InputError: The file is missing, damaged, or no 3DGS PLY.
+        InputError: The file is missing, damaged, or not a 3DGS PLY.
     """
     source = regular_file(path, "splat file", "Check the path, or run the splats stage", LARGEST_PLY)
     with refusing(source, "the splat file cannot be read", _REMEDY), open(source, "rb") as file:
@@ -108,7 +109,7 @@ def read_ply(path: str | Path) -> Cloud:
         raise InputError(source, f"it has {len(rest)} f_rest_*; those of degree 0 to 3 are {known}, from f_rest_0 on", _REMEDY)
 
     with np.errstate(over="ignore", invalid="ignore"):
-        # As a cloud keeps them: a double may be beyond the range of a float.
+        # Check the values as float32, as a cloud stores them: a double may be beyond that range.
         needed = (*PROPERTIES[:3], *PROPERTIES[6:], *_rest_names(len(rest)))
         broken = [name for name in needed if not np.isfinite(table[name].astype(np.float32)).all()]
     if broken:
@@ -135,7 +136,7 @@ def read_ply(path: str | Path) -> Cloud:
 
 
 def _vertices(source: Path, file: BinaryIO) -> Array:
-    """Vertex table of a binary little-endian PLY. [N] structured."""
+    """Read the vertex table of a binary little-endian PLY. [N] structured."""
     header = file.read(_LARGEST_HEADER)
     begin = header.find(b"end_header")
     end = header.find(b"\n", begin) + 1

@@ -1,4 +1,4 @@
-"""The splats stage: a mesh and photos in, a Gaussian model bound to the mesh out."""
+"""The splats stage: trains a Gaussian model that is bound to a mesh, from photos and that mesh."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ MIN_TRAINING_PSNR = 24.0
 """Masked PSNR on the training photos below which a model is underfitted, dB."""
 
 MOST_LOST = 5.0
-"""Masked PSNR by which held-out photos may lie below those of the training, dB: fourteen photos of a real thing lose four."""
+"""Largest accepted drop of masked PSNR from training to held-out photos, dB; with 14 photos of a real object it is 4 dB."""
 
 MIN_OUTLINE = 0.9
-"""IoU of the outlines of splats and masks of held-out photos below which they are no longer the same thing."""
+"""Silhouette IoU of splats and masks on held-out photos below which the result is degraded."""
 
 VISIBLE_OPACITY = 0.3
-"""Splats below this opacity hardly show; their offsets are left out of the statistics."""
+"""Opacity below which splats are hardly visible; the offsets of such splats are left out of the statistics."""
 
 
 def train_splats(
@@ -67,22 +67,22 @@ def train_splats(
     Args:
         views: Registered views with undistorted photos, table frame.
         masks_dir: Folder of the masks; None for backgrounds.
-        mesh_path: Surface to bind to, table frame, m.
+        mesh_path: Surface to which the splats are bound, table frame, m.
         out_ply, out_binding, out_views, out_json: `splats.ply`, `binding.npz`, the folder `views/`, `splats.json`.
         settings: Budget and step sizes.
         binding: One of `gsbridge.configuration.bindings.BINDINGS`.
-        seed: Seed of places, order and colours.
-        threads: Threads the job may use.
+        seed: Seed of the splats' positions, the order of photos and the random background colours.
+        threads: Threads that the job may use.
         state: Folder of the checkpoint; removed at the end.
         kind: `object` or `background`.
         surface: Name of the mesh in the record (`visual`, `hull`).
-        scene_unit: Metres per unit of the reconstruction; needed for `offset_band: scene` only.
+        scene_unit: Metres per unit of the reconstruction; needed only for `offset_band: scene`.
 
     Raises:
         InputError: A setting or file cannot be used.
         StageError: There is nothing to train on, or the training failed.
     """
-    # The kernels share their work between threads to the bit; torch's sums would depend on how many there are.
+    # The compiled kernels give bitwise the same result on any number of threads; torch's sums would depend on that number.
     torch.set_num_threads(1)
     if binding not in BINDINGS:
         raise InputError("splats: binding", f"{binding!r} is unknown", f"Use one of {', '.join(BINDINGS)}")
@@ -101,7 +101,7 @@ def train_splats(
             surface_mesh,
             faces,
             seen=lambda candidate: seen_faces(candidate, targets),
-            # Of an object, photos and wrist camera see the same parts alike.
+            # Objects get one size: photos and wrist camera see all parts of an object at similar resolution.
             sizes=edge_sizes(surface_mesh, targets, _focus(settings), seed) if kind == "background" else None,
         )
     except ValueError as error:
@@ -157,7 +157,7 @@ def train_splats(
         **({} if chosen is None else {"chosen_splats": chosen}),
         faces=len(mesh.faces),
         steps=settings.steps,
-        # Only what is not as usual is recorded.
+        # Record these values only if they differ from the defaults.
         **({"sh_degree": settings.sh_degree} if settings.sh_degree > 0 else {}),
         **({} if found is None else {"exposure": to_record(found)}),
         brightness_spread=differ,
@@ -174,7 +174,7 @@ def train_splats(
 
 
 def _digest(mesh: Mesh, targets: Sequence[Target]) -> str:
-    """Digest of all that a training learns from, so that a checkpoint is never continued on other inputs."""
+    """Return a digest of all inputs of the training, so that a checkpoint is never continued with other inputs."""
     digest = hashlib.sha256()
     for array in (mesh.vertices, mesh.faces):
         digest.update(np.ascontiguousarray(array).data)
@@ -191,7 +191,7 @@ def _focus(settings: SplatSettings) -> Focus:
 
 
 def _band(settings: SplatSettings, scene_unit: float | None) -> float:
-    """Largest offset along the normal, m."""
+    """Return the largest offset along the normal, m."""
     if settings.offset_band != "scene":
         return float(settings.offset_band)
     if scene_unit is None:
@@ -202,7 +202,7 @@ def _band(settings: SplatSettings, scene_unit: float | None) -> float:
 
 
 def _offsets_mm(model: Binding) -> dict[str, float]:
-    """Statistics of the size of the offsets of splats that show, mm."""
+    """Return statistics of the absolute offsets of visible splats, mm."""
     visible = torch.sigmoid(model.parameters["opacity"]) > VISIBLE_OPACITY
     offsets = 1e3 * model.offsets()[visible].abs().numpy().astype(np.float64)
     if len(offsets) == 0:

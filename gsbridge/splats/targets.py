@@ -1,4 +1,4 @@
-"""What a training compares its renderings with: photos, and which of their pixels count."""
+"""Targets of the training: photos, and the weights of their pixels."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ from gsbridge.photogrammetry.matting import unmix
 
 @dataclass(frozen=True)
 class Target:
-    """A photo, or the part of it that training looks at.
+    """A photo, or the part of it that training uses.
 
     Args:
         name: Image name of the view.
         split: `train` or `held_out`.
         camera: Pinhole of this part of the photo.
-        cam_from_table: Pose. [4, 4].
-        photo: Objects: pixels on the outline show the object's own colour, without the table's share. [H, W, 3] uint8.
+        cam_from_table: Pose of the camera. [4, 4].
+        photo: This part of the photo; for objects, outline pixels show the object's own colour without the background's share.
+            [H, W, 3] uint8.
         weight: Objects: the mask, used as alpha. Backgrounds: 255 where the pixel's ray meets the table mesh. [H, W] uint8.
         unedited: This part of the photo as it was taken, which metrics compare with. [H, W, 3] uint8.
-        left, top: Place of this part in the whole photo, px.
+        left, top: Position of this part in the whole photo, px.
         whole: Camera of the whole photo.
     """
 
@@ -46,11 +47,11 @@ class Target:
     whole: Camera
 
     def reduced(self, factor: float, *, kind: str) -> Target:
-        """This part of the photo at a smaller size (area means).
+        """Return this part of the photo at a smaller size (area means).
 
         Args:
-            factor: New width over old width, at most 1.
-            kind: `object` keeps partly covered pixels, with the colour of what is covered; `background` drops them.
+            factor: New width over old width; from 1 on, nothing changes.
+            kind: `object` keeps partly covered pixels, with the mean colour of their covered part; `background` drops them.
         """
         if factor >= 1:
             return self
@@ -69,17 +70,17 @@ class Target:
         return Target(self.name, self.split, camera, self.cam_from_table, photo, to_u8(weight), unedited, 0, 0, camera)
 
     def affordable(self, max_pixels: int, *, kind: str) -> Target:
-        """Reduce a part where it has more pixels than a training step may cost; `kind` as in `reduced`."""
+        """Reduce this part to at most about `max_pixels` pixels, the limit of a training step; `kind` as in `reduced`."""
         return self.reduced(min(1.0, (max_pixels / (self.camera.width * self.camera.height)) ** 0.5), kind=kind)
 
 
 def object_targets(views: Views, masks: str | Path, margin_px: int) -> list[Target]:
-    """Photos cropped to their masks; views whose mask is empty are left out.
+    """Return photos cropped to their masks; views with an empty mask are left out.
 
     Args:
         views: Registered views.
         masks: Folder of the masks, `{image stem}.png`.
-        margin_px: Pixels around the mask's bounding box, where nothing of the object may show.
+        margin_px: Margin around the mask's bounding box, px, in which splats are penalised.
 
     Raises:
         InputError: A mask is missing or has another size than its photo.
@@ -120,7 +121,7 @@ def object_targets(views: Views, masks: str | Path, margin_px: int) -> list[Targ
 
 
 def background_targets(views: Views, mesh: Mesh) -> list[Target]:
-    """Whole photos, in which only pixels count whose ray meets the mesh.
+    """Return whole photos in which only those pixels count whose ray meets the mesh.
 
     Raises:
         InputError: A photo has another size than its camera.
@@ -148,7 +149,7 @@ def background_targets(views: Views, mesh: Mesh) -> list[Target]:
 
 
 def seen_faces(mesh: Mesh, targets: Sequence[Target]) -> Array:
-    """Which faces some training photo shows: centroid in the frame, facing the camera, nothing in between. [F] bool."""
+    """Return which faces any training photo shows: centroid in the frame, facing the camera, not occluded. [F] bool."""
     seen = np.zeros(len(mesh.faces), bool)
     view = _Surface(mesh)
     for target in targets:
@@ -158,14 +159,14 @@ def seen_faces(mesh: Mesh, targets: Sequence[Target]) -> Array:
 
 
 def shown_faces(mesh: Mesh, targets: Sequence[Target]) -> Iterator[tuple[Target, Array, Array]]:
-    """What each training photo shows of a surface.
+    """Yield the faces of a surface that each training photo shows.
 
     Args:
         mesh: Surface, table frame, m.
-        targets: Photos; the held-out ones are left out.
+        targets: Photos; held-out photos are left out.
 
     Yields:
-        A photo, the faces whose centroids it shows, and where, in pixels of the whole photo. Target, [K] int, [K, 2].
+        A photo, the faces whose centroids it shows [K] int, and the centroids' positions in the whole photo, px [K, 2].
     """
     view, every = _Surface(mesh), np.ones(len(mesh.faces), bool)
     for target in targets:
@@ -174,7 +175,7 @@ def shown_faces(mesh: Mesh, targets: Sequence[Target]) -> Iterator[tuple[Target,
 
 
 class _Surface:
-    """A mesh that photos are asked about."""
+    """A mesh with a ray-casting scene, to find the faces that a photo shows."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._open3d = import_open3d()
@@ -183,7 +184,7 @@ class _Surface:
         self._centroids, self._normals = mesh.corners().mean(1), mesh.normals()
 
     def shown(self, target: Target, asked: Array) -> tuple[Array, Array]:
-        """Faces, of those asked for, [F] bool, that a photo shows, and the pixels of their centroids. [K] int, [K, 2]."""
+        """Return those of the faces `asked`, [F] bool, that a photo shows, and their centroids, px. [K] int, [K, 2]."""
         pose, whole = target.cam_from_table, target.whole
         eye = camera_centre(pose)
         pixels = whole.project(self._centroids @ pose[:3, :3].T + pose[:3, 3])
@@ -192,13 +193,13 @@ class _Surface:
         directions = self._centroids[chosen] - eye
         rays = np.concatenate([np.broadcast_to(eye, directions.shape), directions], axis=1).astype(np.float32)
         reach = self._scene.cast_rays(self._open3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy()
-        # The ray ends on the face itself at 1; what is nearer hides it.
+        # The ray meets the face itself at 1; a hit nearer to the camera means that the face is occluded.
         chosen = chosen[reach > 0.995]
         return chosen, pixels[chosen]
 
 
 def _check_size(path: Path, image: Array, view: View) -> None:
-    """Refuse an image whose size differs from its camera's."""
+    """Raise an `InputError` if an image's size differs from its camera's."""
     height, width = image.shape[:2]
     if (width, height) != (view.camera.width, view.camera.height):
         size = f"{view.camera.width}x{view.camera.height}"

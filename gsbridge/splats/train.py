@@ -1,7 +1,8 @@
-"""Training of the splats of one model: one trainer for every binding, object or background.
+"""Training of the splats of one model, with one trainer for all bindings, objects and backgrounds.
 
-Objects are composited over a random colour in each step, with the mask as alpha, so that a splat outside the mask is wrong
-whatever lies behind it. Backgrounds count only where the table mesh is seen, before a random colour too: a hole would show.
+In each step, objects are composited over a random colour, with the mask as alpha, so that a splat outside the mask causes an
+error. For backgrounds, only pixels that see the table mesh count. They are rendered over a random colour, too, so that a hole
+causes an error.
 """
 
 from __future__ import annotations
@@ -29,27 +30,27 @@ from gsbridge.splats.targets import Target
 logger = logging.getLogger("gsbridge")
 
 CURVE_EVERY = 50
-"""Steps between two points of the training curve."""
+"""Number of steps between two points of the training curve."""
 
 CHECKPOINT_EVERY = 250
-"""Steps between two checkpoints."""
+"""Number of steps between two checkpoints."""
 
 
 @dataclass(frozen=True)
 class Rates:
-    """Step sizes of Adam at the start, per parameter; all decay to `SplatSettings.decay` of this.
+    """Step sizes of Adam at the start, per parameter; all decay to the share `SplatSettings.decay` of these values.
 
     Args:
         weights: Raw weights inside the face.
         offset: Offset along the normal, m per step.
         multiplier: Common factor of the standard deviations.
-        opacity: Logit.
-        colour: sRGB.
-        turn: Quaternion in the face's frame (`refined`), or free (`unbound`).
+        opacity: Logit of the opacity.
+        colour: sRGB colour, 0..1.
+        turn: Quaternion in the face's frame (`refined`) or in the table frame (`unbound`).
         stretch: Logarithm of each standard deviation (`refined`, `unbound`).
         means: Centre, m per step (`unbound`).
-        vertices: Vertex of the mesh, m per step (`games_vertices`).
-        harmonics: Spherical harmonics of the colour beside the constant one.
+        vertices: Vertices of the mesh, m per step (`games_vertices`).
+        harmonics: Coefficients of the spherical harmonics besides the constant one.
         exposure_gains: Logarithmic gains of a photo.
         exposure_offsets: Offsets of a photo, linear light.
     """
@@ -82,24 +83,26 @@ def train(
 ) -> list[list[float]]:
     """Fit the binding's parameters to the training targets, in place.
 
-    A killed job that is called again with the same arguments goes on from its last checkpoint and ends with the same result.
+    A call with the same arguments after an interruption continues from the last checkpoint and gives the same result.
 
     Args:
-        binding: Splats at their start.
+        binding: Splats at the start of training.
         targets: Photos; only those of the split `train` are used.
-        settings: Budget, and how step sizes fall.
+        settings: Number of steps, decay of the step sizes, and other settings of the training.
         kind: `object` or `background`.
         seed: Seed of the order of photos and of the colours behind the splats.
         state: Folder of the checkpoint, one per training.
-        inputs: Digest of what is trained on; a checkpoint of other inputs is not used.
+        inputs: Digest of the inputs; a checkpoint with another digest is not used.
         rates: Step sizes at the start.
-        exposures: Exposures of the photos of the split `train`, in their order, also fitted in place; None for one of all.
+        exposures: Exposures of the photos of the split `train`, in their order, also fitted in place; None if all photos have
+            one exposure.
 
     Returns:
-        Training curve: step, mean loss, mean PSNR (dB, over the pixels that count) since the point before. [[3], ...].
+        Training curve. Each point has the step, the mean loss and the PSNR (dB, over the pixels that count) since the point
+        before. [[3], ...].
 
     Raises:
-        StageError: The loss became infinite or no number.
+        StageError: The loss became infinite or NaN.
     """
     photos = [target.affordable(settings.max_pixels, kind=kind) for target in targets if target.split == "train"]
     halves = [target.reduced(0.5, kind=kind) for target in photos] if settings.half_size > 0 else photos
@@ -151,9 +154,9 @@ def _loss(
     exposures: Exposures | None,
     photo_number: int,
 ) -> tuple[Tensor, float]:
-    """Loss of one photo, and the mean squared error of the pixels that count."""
+    """Return the loss of one photo, and the mean squared error of the pixels that count."""
     shape = binding.shape(frames)  # type: ignore[arg-type]
-    # Parameters stay on the CPU: their arithmetic is small beside the rendering, wherever that runs.
+    # Parameters stay on the CPU: their arithmetic costs little compared with the rendering, on CPU or GPU.
     device = "cuda" if settings.backend == "cuda" else "cpu"
     colour, harmonics = binding.parameters["colour"], binding.parameters.get("harmonics")
     if exposures is not None:
@@ -189,10 +192,10 @@ def _loss(
 
 
 def _optimizer(learned: dict[str, Tensor], band: float, rates: Rates) -> tuple[torch.optim.Adam, list[float]]:
-    """Adam over all parameters, and the step size of each group at the start."""
+    """Create Adam over all parameters, and return it with the step size of each group at the start."""
     steps = {
         "weights": rates.weights,
-        # tanh has slope 1 / band at its centre in metres, so that this moves a splat by `rates.offset` per step.
+        # The offset is band * tanh(b), whose slope at b = 0 is `band`, so that a step of b moves a splat by `rates.offset`.
         "offset": rates.offset / band,
         "multiplier": rates.multiplier,
         "opacity": rates.opacity,
@@ -231,7 +234,7 @@ def _save(
         "curve": curve,
         "recent": recent,
     }
-    # Through memory: torch turns a full disk into an error that does not say so.
+    # Save through memory: on a full disk, torch's own error would not say that the disk is full.
     buffer = io.BytesIO()
     torch.save(content, buffer)
     with atomic_file(path) as temporary:
@@ -241,7 +244,7 @@ def _save(
 def _resume(
     path: Path, learned: dict[str, Tensor], optimizer: torch.optim.Adam, inputs: str
 ) -> tuple[int, list[list[float]], list[list[float]]]:
-    """Step, curve and pending losses of a checkpoint, whose values are put in place; nothing without one."""
+    """Load a checkpoint into parameters and optimizer; return its step, curve and pending losses, or 0 and empty lists."""
     if not path.is_file():
         return 0, [], []
     try:

@@ -1,4 +1,4 @@
-"""Compiling the kernels of training once, so that jobs side by side find them in the cache."""
+"""Compilation of the training kernels ahead of time, so that parallel jobs find them in the cache."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from gsbridge.splats.rasterize import rasterize
 
 
 def compile_kernels() -> None:
-    """Compile and cache every kernel for one thread and, where the process may use more, for several."""
+    """Compile and cache every kernel for one thread and, if the process may use more, for several threads."""
     for count in sorted({1, logs.threads()}):
         with logs.limited(count):
             _step()
 
 
 def _step() -> None:
-    """Take one training step on a handful of splats; numba compiles every kernel on the way."""
+    """Take one training step on a few splats, so that numba compiles every kernel."""
     generator = torch.Generator().manual_seed(0)
     means = (0.1 * torch.rand(8, 3, generator=generator)).requires_grad_()
     quats = torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(8, 1).requires_grad_()
