@@ -51,7 +51,7 @@ _RIGID = ((0.002, 1.0), (0.98, 0.999, 0.001, 0.5, 2.0))
 
 @dataclass(frozen=True)
 class Stand:
-    """Poses of robot, object and plate in the world.
+    """Poses of robot and plate in the world.
 
     Args:
         base_from_table: True pose of the table. [4, 4].

@@ -2,9 +2,9 @@
 
 `cpu` runs anywhere, `cuda` needs gsplat and an NVIDIA device, `reference` is plain torch for tests.
 
-A splat's covariance goes through the projection's slope at its centre (EWA), 0.3 px^2 is added on the screen, alpha is clipped
-at 0.99 and cut below 1/255, and a pixel is finished once less than 1e-4 of the light behind it would pass. Splats blend front
-to back by the camera z of their centres, ties by their number.
+A splat's covariance is mapped to the screen by the Jacobian of the projection at its centre (EWA splatting), and 0.3 px^2 is
+added there. Alpha is clipped at 0.99 and set to 0 below 1/255. A pixel is finished once its transmittance is below 1e-4. Splats
+are blended front to back by the camera z of their centres; equal depths keep the order of the splats.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Rendering:
 
     Args:
         colours: RGB over the background. [H, W, 3].
-        alphas: Share of light from the splats, 0..1. [H, W].
+        alphas: Share of the pixel's light that comes from splats, 0..1. [H, W].
         depths: Alpha-weighted sum of camera z, m; divide by `alphas` for a mean depth. [H, W].
     """
 
@@ -49,29 +49,30 @@ def rasterize(
     near: float = 0.01,
     harmonics: torch.Tensor | None = None,
 ) -> Rendering:
-    """Render splats; gradients flow to the tensors that make them, not to camera or background.
+    """Render splats; gradients flow to the splats' tensors, not to camera or background.
 
-    Splats with a number that is not finite are left out.
+    Splats with a value that is not finite are left out.
 
     Args:
         means: Centres, table frame, m. [N, 3].
-        quats: Orientations wxyz, of any length but zero. [N, 4].
+        quats: Orientations wxyz, of any length except zero. [N, 4].
         scales: Standard deviations along the splat's axes, m. [N, 3].
         opacities: Opacity at the centre, 0..1. [N].
         colours: RGB 0..1. [N, 3].
         camera: Pinhole camera.
         cam_from_table: Pose of the camera. [4, 4].
-        background: Colour behind the splats, black when None. [3].
+        background: Colour behind the splats; None for black. [3].
         backend: `cpu`, `cuda` or `reference`.
         near: Smallest camera z of a centre, m.
-        harmonics: How colours depend on the direction of view (`gsbridge.splats.harmonics`); None for not at all. [N, K, 3].
+        harmonics: Coefficients of the colours' dependence on viewing direction (`gsbridge.splats.harmonics`); None for no
+            dependence. [N, K, 3].
 
     Returns:
         Colour, alpha and depth images.
 
     Raises:
         InputError: The backend is unknown or not available on this machine.
-        ValueError: Shapes do not fit together, or the camera has distortion.
+        ValueError: The shapes do not fit together, or the camera has distortion.
     """
     count = len(means)
     for name, tensor, shape in (
@@ -108,12 +109,12 @@ def rasterize(
 def seen_colours(
     means: torch.Tensor, colours: torch.Tensor, harmonics: torch.Tensor, cam_from_table: Array, *, kernels: bool = True
 ) -> torch.Tensor:
-    """Colours of splats as one camera sees them: what `rasterize` does first with harmonics. Differentiable.
+    """Return the colours of splats as one camera sees them, differentiable; with harmonics, `rasterize` does this first.
 
     Args:
         means, colours, harmonics: As in `rasterize`. [N, 3], [N, 3], [N, K, 3].
         cam_from_table: Pose of the camera. [4, 4].
-        kernels: Use the compiled kernels, on the processor; otherwise plain torch, on any device.
+        kernels: True for the compiled kernels, on the CPU; False for plain torch, on any device.
     """
     from gsbridge.splats.rasterize.directional import view_colours
 

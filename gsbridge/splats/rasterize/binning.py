@@ -17,22 +17,23 @@ EIGHT = layout.EIGHT
 _DIGIT = 12
 _KEY = 2 * _DIGIT
 _CORNER = 0b11 | 0b11 << layout.SQUARE
-"""Bits of a `MASK` that stand for its first two blocks by two."""
+"""Bits of a `MASK` for the first two blocks of its first two rows."""
 
 
 @njit(error_model="numpy")
 def sort_by_depth(depths: Array, visible: int, counts: Array, pairs: Array, more_pairs: Array, order: Array) -> None:
     """Order the records by camera z; equal depths keep the order of the splats.
 
-    Two passes of a radix sort over the float's own bits, less those of the nearest splat. 24 bits of key hold the exact order
-    while the farthest splat is at most four times as far as the nearest, and 2**-21 of the depth over eight octaves.
+    The method is a radix sort in two passes over the bits of the floats, minus those of the nearest splat. The 24-bit key gives
+    the exact order if the farthest splat is at most four times as far as the nearest. Over eight octaves of depth, it resolves
+    relative differences of 2**-21.
 
     Args:
         depths: Camera z of the records, positive, as the int32 with the same bits. [N].
-        visible: Records in use.
+        visible: Number of records in use.
         counts: Work space. [2 * 4096] int32.
         pairs, more_pairs: Work space. [N] int64.
-        order: Filled with record numbers, nearest first. [N] int32.
+        order: Filled with record indices, nearest first. [N] int32.
     """
     if visible == 0:
         return
@@ -76,14 +77,14 @@ def reserve(capacity: Array, rows: int, columns: int, starts: Array, running: Ar
     """Turn the second difference of the blocks' capacities into the start of each block's list.
 
     Args:
-        capacity: As left by `project`; set to zero again. [(rows + 1) * (columns + 1)].
-        rows, columns: Blocks.
-        starts: Filled, row by row, every list with one entry to spare (see `fill`); what follows the last list's start is the
-            end of all. [rows * columns + columns + 1].
+        capacity: As left by `project`; reset to zero. [(rows + 1) * (columns + 1)].
+        rows, columns: Numbers of rows and columns of blocks.
+        starts: Filled row by row; each list has room for one extra entry (see `fill`). All elements after the start of the last
+            list are the total number of entries. [rows * columns + columns + 1].
         running: Work space. [columns + 1].
 
     Returns:
-        Entries in all.
+        Total number of entries.
     """
     running[:] = 0
     total = 0
@@ -135,25 +136,26 @@ def fill(
 
     Args:
         records, boxes: What `project` filled. [N * RECORD], [N] int64.
-        order: Numbers of the records, nearest first. [N] int32.
-        visible: Records in use.
-        columns: Blocks in a row.
-        ends: The start of each list, as `reserve` gives them; moved to its end. [rows * columns + columns + 1].
-        entries: Filled with record numbers; as many as `reserve` returned, and one to spare. [entries + 1] int32.
+        order: Indices of the records, nearest first. [N] int32.
+        visible: Number of records in use.
+        columns: Number of blocks in a row.
+        ends: On entry, the start of each list as `reserve` gives it; changed to its end. [rows * columns + columns + 1].
+        entries: Filled with record indices; one longer than `reserve` returned. [entries + 1] int32.
         ordered: Work space. [N] int64.
     """
     steps, edges = np.empty(layout.SQUARE * layout.SQUARE, np.int64), np.empty(2 * WIDTH, np.int32)
     for bit in range(len(steps)):
         steps[bit] = bit // layout.SQUARE * columns + bit % layout.SQUARE
-    # By itself, where many reads wait for memory at once; below, each would wait for the branches before it.
+    # Gather the boxes in a loop of their own, where many reads from memory overlap; in the loop below, each read would wait for
+    # the branches before it.
     for i in range(visible):
         put(ordered, i, at(boxes, at(order, i)))
     for i in range(visible):
         number, box = at(order, i), at(ordered, i)
         mask, first = box & 0xFFFFFFFF, box >> 32
         if not mask & ~_CORNER:
-            # As most are: at most two blocks by two. All four lists are written and only those that meet the ellipse grow,
-            # since no processor foresees which ones do.
+            # Most splats touch at most two by two blocks. Write to all four lists, but lengthen only those whose block meets
+            # the ellipse: branches on this would often be mispredicted.
             below = first + columns
             end0, end1, end2, end3 = at(ends, first), at(ends, first + 1), at(ends, below), at(ends, below + 1)
             put(entries, end0, number)

@@ -1,8 +1,9 @@
 """Kernels that blend the records of each block front to back.
 
-A block's light stays in registers while its list runs, and the weights go to a scratch array; a second run over the records
-that counted adds up colour and depth. One run for both needs more registers than most processors have: those with AVX-512 have
-a kernel of their own, which differs by rounding only (and so, rarely, in whether a splat meets the cut).
+A first pass over a block's list keeps the transmittances of its pixels in registers and writes the weights to a scratch array.
+A second pass, over the records that changed a pixel, sums colour and depth. A single pass for both needs more registers than
+most processors have. Processors with AVX-512 have enough and get their own kernel, whose results differ only by rounding (so
+that, rarely, a splat close to the alpha cut is kept by one kernel only).
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ from gsbridge.splats.rasterize.memory import (
 RECORD, BLOCK, PIXELS, STATE = layout.RECORD, layout.BLOCK, layout.PIXELS, layout.STATE
 
 AHEAD = 32
-"""Entries between a record's prefetch and its use: an entry takes a fraction of what memory does."""
+"""Number of entries between a record's prefetch and its use: processing one entry is much faster than a memory access."""
 
 
 def use_threads(count: int) -> None:
-    """Let the parallel kernels use a number of threads, at most as many as numba was started with."""
+    """Set the number of threads of the parallel kernels, at most the number with which numba was started."""
     numba.set_num_threads(min(count, options.NUMBA_NUM_THREADS))
 
 
@@ -57,14 +58,18 @@ def _blend_block(
     state: int,
     weights: Array,
 ) -> int:
-    """Blend a block into `states`, from `state` on; returns the end of its list, shortened to entries that changed a pixel."""
+    """Blend a block into `states`, from index `state` on, and keep only the entries of its list that changed a pixel.
+
+    Returns:
+        The end of the shortened list.
+    """
     x_lanes, y_lanes, light0, light1 = pixels_of(row, column, width, height)
     constants = read_table(table)
     cut, alpha_max, light_min = constants[6], constants[7], constants[8]
     kept, place = first, 0
     for entry in range(first, last):
         open0, open1 = light0 >= light_min, light1 >= light_min
-        # Asked every fourth time: a closed pixel takes nothing more anyway.
+        # Test only every fourth entry whether all pixels are finished: finished pixels take no more weight anyway.
         if (entry & 3) == 0 and mask_bits(open0 | open1) == 0:
             break
         number = at(entries, entry)
@@ -124,7 +129,7 @@ def _blend_block_wide(
     state: int,
     weights: Array,
 ) -> int:
-    """`_blend_block` with all sixteen pixels in one register, of which there are enough for one run; `weights` stays unused."""
+    """Do the work of `_blend_block` in one pass, with all sixteen pixels in one register; `weights` is not used."""
     x, y = load_wide(layout.PIXEL_X, 0) + (column * BLOCK + 0.5), load_wide(layout.PIXEL_Y, 0) + (row * BLOCK + 0.5)
     light = select((x < width) & (y < height), 1.0, 0.0)
     c0, c1, c2, c3, c4, c5 = at(table, 0), at(table, 1), at(table, 2), at(table, 3), at(table, 4), at(table, 5)
@@ -145,7 +150,7 @@ def _blend_block_wide(
         power = c0 + p * (c1 + p * (c2 + p * (c3 + p * (c4 + p * c5))))
         power = power * power
         power = power * power
-        # Every entry waits for the light of the one before. Whether a pixel is closed is asked last, so that the wait is short.
+        # Each entry depends on the light of the one before. Test last whether a pixel is finished, to keep that chain short.
         wanted = select(near, smaller(power * power, alpha_max), 0.0) * light
         weight = select(is_open, wanted, 0.0)
         light = select(is_open, light - wanted, light)
@@ -221,7 +226,7 @@ def blend(blocks: tuple[Any, ...], images: tuple[Array, ...]) -> None:
 
 @njit(error_model="numpy", parallel=True)
 def blend_parallel(blocks: tuple[Any, ...], images: tuple[Array, ...]) -> None:
-    """`blend` on several threads; the blocks do not touch each other, so the image is the same to the last bit.
+    """Do the work of `blend` on several threads; blocks are independent, so the image is bitwise the same.
 
     Args:
         blocks, images: As in `blend`. [H * W * 3], [H * W], [H * W].

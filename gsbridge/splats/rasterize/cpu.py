@@ -1,7 +1,7 @@
-"""The rasteriser on the CPU: compiled kernels, reused work space, autograd.
+"""The rasteriser on the CPU: compiled kernels, reused work spaces, autograd.
 
-Project and cull, sort by depth, list the splats of every 4x4 block, blend. One thread runs plain kernels; several share the
-rows of blocks.
+The steps are: project and cull, sort by depth, list the splats of every 4x4 block, blend. A single thread runs serial kernels;
+several threads share the rows of blocks.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gsbridge.splats.rasterize.workspace import Workspace, aligned
 
 
 class _Pool(threading.local):
-    """Work spaces of one thread that no rendering uses at present."""
+    """Work spaces of one thread that are currently not in use."""
 
     def __init__(self) -> None:
         self.free: list[Workspace] = []
@@ -38,7 +38,7 @@ _pool = _Pool()
 
 
 class _Lease:
-    """Holds a work space until the last reference to a rendering's gradients is gone."""
+    """Holds a work space until autograd drops the last reference to its rendering, and then returns it to the pool."""
 
     def __init__(self) -> None:
         self._pool = _pool.free
@@ -50,7 +50,7 @@ class _Lease:
 
 @dataclass(frozen=True)
 class _View:
-    """What the kernels know of a camera; its pose is None where splats are not given in the table's frame."""
+    """The data of a camera that the kernels use; the pose is None if the splats are not in the table frame."""
 
     camera: Camera
     cam_from_table: Array | None
@@ -74,7 +74,7 @@ class _View:
 
     @cached_property
     def numbers(self) -> Array:
-        """fx, fy, cx, cy, rotation by rows, translation. [16] float32."""
+        """fx, fy, cx, cy, then rotation (row by row) and translation of `cam_from_table`. [16] float32."""
         camera, pose = self.camera, np.asarray(self.cam_from_table, dtype=np.float32)
         numbers = np.concatenate([[camera.fx, camera.fy, camera.cx, camera.cy], pose[:3, :3].reshape(-1), pose[:3, 3]])
         return numbers.astype(np.float32)
@@ -82,12 +82,13 @@ class _View:
 
 @dataclass(frozen=True)
 class Seen:
-    """Groups of splats that a picture is drawn from, and their frames.
+    """The groups of splats that a picture draws, and their frames.
 
     Args:
-        groups: Numbers of groups of `layout.GROUP` splats, rising. [G] int64.
-        owners: Row in `views` of each. [G] int64.
-        views: Frames that splats are given in: fx, fy, cx, cy, rotation by rows and translation to the camera. [F, 16] float32.
+        groups: Indices of groups of `layout.GROUP` splats, ascending. [G] int64.
+        owners: Row in `views` of each group. [G] int64.
+        views: One row per frame of splats: fx, fy, cx, cy, then rotation (row by row) and translation of `cam_from_frame`.
+            [F, 16] float32.
     """
 
     groups: Array
@@ -96,22 +97,22 @@ class Seen:
 
     @classmethod
     def all(cls, count: int, view: _View) -> Seen:
-        """Every splat of `count`, all in one frame."""
+        """Select all of `count` splats, in one frame."""
         groups = np.arange(-(-count // GROUP))
         return cls(groups, np.zeros_like(groups), view.numbers[None])
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """Splats as the kernels take them: flat float32 arrays with room for a multiple of `WIDTH` splats.
+    """Splats in the form that the kernels take: flat float32 arrays, padded to a multiple of `WIDTH` splats.
 
     Args:
-        count: Splats.
-        lanes: What `preparing.prepare` fills. [N * `LANES`].
-        means, quats, scales, opacities: What gradients go through. [N * 3], [N * 4], [N * 3], [N].
-        packed: Colours with a direction, as `directional.packed` gives them: each picture writes those that it sees into the
-            lanes. Empty where colours have none. [N * (1 + K) * 3].
-        terms: Harmonics of each splat in it.
+        count: Number of splats.
+        lanes: Output of `preparing.prepare`. [N * `LANES`].
+        means, quats, scales, opacities: The splats, for the gradients. [N * 3], [N * 4], [N * 3], [N].
+        packed: Colours and harmonics as `directional.packed` returns them; each rendering writes the colours that its camera
+            sees into `lanes`. Empty without harmonics. [N * (1 + K) * 3].
+        terms: Number of harmonics of each splat in `packed`, K.
     """
 
     count: int
@@ -144,7 +145,7 @@ class Prepared:
 
 
 def _flat(array: Array) -> Array:
-    """Flat float32 copy padded to a multiple of `WIDTH` rows, or the array itself where that holds already."""
+    """Return a flat float32 array padded to a multiple of `WIDTH` rows, without a copy if none is needed."""
     array = np.ascontiguousarray(array, dtype=np.float32)
     missing = -len(array) % WIDTH
     if missing:
@@ -153,7 +154,7 @@ def _flat(array: Array) -> Array:
 
 
 def _blocks(space: Workspace, view: _View, background: Array) -> tuple[Any, ...]:
-    """Arguments that the blending kernels share."""
+    """Return the arguments that the blending kernels share."""
     lists = (TABLE, space.records, space.entries, space.starts, space.ends)
     return (*lists, view.rows, view.columns, view.width, view.height, background, space.states)
 
@@ -167,7 +168,7 @@ def _forward(
     seen: Seen | None = None,
     antialiased: bool = False,
 ) -> tuple[int, tuple[Array, Array, Array]]:
-    """Render into new arrays; returns the number of visible splats and colour, alpha, depth (flat)."""
+    """Render into new arrays; return the number of visible splats, and colour, alpha and depth (flat)."""
     space.fit(splats.count, view.rows, view.columns)
     if seen is None:
         seen = Seen.all(splats.count, view)
@@ -214,7 +215,7 @@ def _backward(
     gradients: tuple[Array, ...],
     threads: int,
 ) -> tuple[Array, ...]:
-    """Gradients of means, quats, scales, opacities and colours."""
+    """Return the gradients of means, quats, scales, opacities and colours."""
     if threads > 1:
         blending.use_threads(threads)
         blocks = _blocks(space, view, background)
@@ -258,16 +259,16 @@ def render(
     threads: int | None = None,
     harmonics: Array | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Image of splats, without gradients.
+    """Render splats, without gradients.
 
     Args:
         means, quats, scales, opacities, colours: Splats as in `gsbridge.splats.rasterize.rasterize`, but numpy arrays. [N, 3],
             [N, 4], [N, 3], [N], [N, 3].
         camera, cam_from_table: Pinhole camera, and its pose. [4, 4].
-        background: Colour behind the splats, black when None. [3].
+        background: Colour behind the splats; None for black. [3].
         near: Smallest camera z of a centre, m.
-        threads: Threads; as many as the job may use when None.
-        harmonics: How colours depend on the direction of view; None for not at all. [N, K, 3].
+        threads: Number of threads; None for as many as the job may use.
+        harmonics: Coefficients of the colours' dependence on viewing direction; None for no dependence. [N, K, 3].
 
     Returns:
         Colour [H, W, 3], alpha [H, W], and the alpha-weighted sum of camera z, m. [H, W].
@@ -289,13 +290,13 @@ def render_seen(
     threads: int | None = None,
     antialiased: bool = False,
 ) -> tuple[Array, Array, Array]:
-    """Image of some groups of splats, each in a frame of its own, without gradients.
+    """Render some groups of splats, each in its own frame, without gradients.
 
     Args:
-        splats, seen: All splats; the groups of them to draw, with the frame of each.
-        camera: Pinhole camera of the image's size; focal lengths and pose are those of `seen.views`.
+        splats, seen: All splats; the groups to draw, with their frames.
+        camera: Pinhole camera, of which only the image size is used; focal lengths and poses are those of `seen.views`.
         background, near, threads: As in `render`. [3].
-        antialiased: Lower the opacity of a splat that is widened on the screen in the proportion in which its area grows
+        antialiased: Whether to lower a splat's opacity by the factor by which the screen blur enlarges its area
             (Mip-Splatting), so that small things keep their size.
 
     Returns:
@@ -308,7 +309,7 @@ def render_seen(
 def _render(
     splats: Prepared, view: _View, behind: Array, threads: int | None, seen: Seen | None, antialiased: bool = False
 ) -> tuple[Array, Array, Array]:
-    """Render in a work space of the pool."""
+    """Render in a work space from the pool."""
     space = _pool.take()
     try:
         _, images = _forward(splats, view, behind, space, logs.threads() if threads is None else threads, seen, antialiased)
@@ -323,7 +324,7 @@ def _shape(images: tuple[Array, Array, Array], view: _View) -> tuple[Array, Arra
 
 
 class _Rasterize(torch.autograd.Function):
-    """Autograd around the kernels."""
+    """Autograd wrapper of the kernels."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> tuple[torch.Tensor, ...]:
@@ -353,7 +354,7 @@ def rasterize(
     background: torch.Tensor | None,
     near: float,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """The backend `cpu` of `gsbridge.splats.rasterize.rasterize`, which has checked the shapes.
+    """Render with the backend `cpu`; `gsbridge.splats.rasterize.rasterize` has checked the shapes.
 
     Args:
         means, quats, scales, opacities, colours: Splats, m, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].

@@ -1,7 +1,7 @@
 """The rasteriser on an NVIDIA device, through gsplat (optional extra `cuda`).
 
-gsplat clips alpha at 0.999 where the other backends clip at 0.99, and ends a pixel before, not after, the splat that takes its
-light below 1e-4; otherwise the definitions agree.
+gsplat clips alpha at 0.999 where the other backends clip at 0.99, and it finishes a pixel before, not after, the splat that
+takes the transmittance below 1e-4. Otherwise the definitions agree.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ _SETTING = "splats.backend"
 
 
 def _rasterization(device: torch.device) -> Any:
-    """gsplat's function, after a check that it can run.
+    """Return gsplat's function, after a check that it can run.
 
     Raises:
-        InputError: gsplat or a CUDA device is missing, or the tensors are elsewhere.
+        InputError: gsplat or a CUDA device is missing, or the tensors are not on a CUDA device.
     """
     if not torch.cuda.is_available():
         raise InputError(_SETTING, "'cuda' needs an NVIDIA device and a CUDA build of torch", "Use 'cpu'")
@@ -46,20 +46,20 @@ def rasterize(
     background: torch.Tensor | None,
     near: float,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """The backend `cuda` of `gsbridge.splats.rasterize.rasterize`, which has checked the shapes.
+    """Render with the backend `cuda`; `gsbridge.splats.rasterize.rasterize` has checked the shapes.
 
     Args:
         means, quats, scales, opacities, colours: Splats, m, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].
         camera: Pinhole camera.
         cam_from_table: Pose of the camera. [4, 4].
-        background: Colour behind the splats, black when None. [3].
+        background: Colour behind the splats; None for black. [3].
         near: Smallest camera z of a centre, m.
 
     Returns:
         Colours, alphas and depths, as in `gsbridge.splats.rasterize.Rendering`.
 
     Raises:
-        InputError: gsplat or a CUDA device is missing.
+        InputError: gsplat or a CUDA device is missing, or the tensors are not on a CUDA device.
     """
     rasterization = _rasterization(means.device)
     groups = (means, quats, scales, opacities, colours)

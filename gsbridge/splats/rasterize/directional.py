@@ -1,6 +1,7 @@
-"""Colours of splats as one camera sees them: spherical harmonics at the direction to each splat, and gradients through them.
+"""Colours of splats as one camera sees them: spherical harmonics at the direction to each splat, and their gradients.
 
-Rasterisers take one colour per splat; this comes before them, once per picture. Source and convention: `splats.harmonics`.
+Rasterisers take one colour per splat; these functions compute it before, once per picture. Source and convention:
+`splats.harmonics`.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ _first_slopes, _second_slopes = njit(functions.first_slopes), njit(functions.sec
 _third_slopes = njit(functions.third_slopes)
 
 _NEAREST2 = 1e-24
-"""Square of the distance from the camera below which a splat has no direction, m^2."""
+"""Squared distance from the camera below which the direction to a splat is undefined, m^2."""
 
 
 @njit(error_model="numpy")
 def _basis(x: float, y: float, z: float, terms: int, values: Array) -> None:
-    """Fill the first `terms` values of the functions of a unit vector. [K]."""
+    """Fill `values` with the first `terms` functions of a unit vector. [K]."""
     values[0], values[1], values[2] = _first(x, y, z)
     if terms > 3:
         values[3], values[4], values[5], values[6], values[7] = _second(x, y, z)
@@ -45,13 +46,13 @@ def _fill(slopes: Array, start: int, values: tuple[float, ...]) -> None:
 
 @njit(error_model="numpy")
 def view(means: Array, colours: Array, harmonics: Array, eye: Array, out: Array) -> None:
-    """Colours as seen from a point.
+    """Compute colours as seen from a point.
 
     Args:
-        means, colours: Centres, m, and the constant part of the colours. [N, 3].
-        harmonics: The part that depends on the direction, K at least 3. [N, K, 3].
-        eye: Position of the camera, in the frame of the means. [3].
-        out: Filled. [N, 3].
+        means, colours: Centres, m, and the constant part of the colours. [N, 3] each.
+        harmonics: Coefficients of the part that depends on direction; K is at least 3. [N, K, 3].
+        eye: Position of the camera, in the frame of the means, m. [3].
+        out: Filled with the colours. [N, 3].
     """
     terms = harmonics.shape[1]
     values = np.empty(15, means.dtype)
@@ -63,7 +64,7 @@ def view(means: Array, colours: Array, harmonics: Array, eye: Array, out: Array)
             colour = colours[i, c]
             for k in range(terms):
                 colour += values[k] * harmonics[i, k, c]
-            # Written so that a number that is none stays none, and the rasteriser leaves the splat out.
+            # This form lets NaN pass, so that the rasteriser leaves the splat out.
             out[i, c] = 0.0 if colour < 0.0 else colour
 
 
@@ -78,13 +79,13 @@ def view_backward(
     g_colours: Array,
     g_harmonics: Array,
 ) -> None:
-    """Gradients through `view`.
+    """Compute the gradients through `view`.
 
     Args:
         means, harmonics, eye: As in `view`. [N, 3], [N, K, 3], [3].
-        seen: What `view` gave. [N, 3].
-        upstream: Gradient of that. [N, 3].
-        g_means, g_colours, g_harmonics: Filled; zero before. [N, 3], [N, 3], [N, K, 3].
+        seen: Output of `view`. [N, 3].
+        upstream: Gradient of the loss with respect to `seen`. [N, 3].
+        g_means, g_colours, g_harmonics: Filled; must be zero on entry. [N, 3], [N, 3], [N, K, 3].
     """
     terms = harmonics.shape[1]
     values, slopes = np.empty(15, means.dtype), np.empty((15, 3), means.dtype)
@@ -102,7 +103,7 @@ def view_backward(
             _fill(slopes, 24, _third_slopes(x, y, z))
         gx, gy, gz = 0.0, 0.0, 0.0
         for c in range(3):
-            # At the clamp a colour no longer follows anything.
+            # A colour that is clamped at 0 has no gradient.
             if not seen[i, c] > 0.0:
                 continue
             g = upstream[i, c]
@@ -111,14 +112,14 @@ def view_backward(
                 g_harmonics[i, k, c] = g * values[k]
                 weight = g * harmonics[i, k, c]
                 gx, gy, gz = gx + weight * slopes[k, 0], gy + weight * slopes[k, 1], gz + weight * slopes[k, 2]
-        # A direction of length 1 changes only across itself.
+        # A unit vector changes only perpendicular to itself, so remove the gradient's component along it.
         along = gx * x + gy * y + gz * z
         gx, gy, gz = gx - along * x, gy - along * y, gz - along * z
         g_means[i, 0], g_means[i, 1], g_means[i, 2] = gx * share, gy * share, gz * share
 
 
 class _View(torch.autograd.Function):
-    """Autograd around the kernels, in float32 or float64."""
+    """Autograd wrapper of the kernels, in float32 or float64."""
 
     @staticmethod
     def forward(ctx: Any, means: torch.Tensor, colours: torch.Tensor, harmonics: torch.Tensor, eye: Array) -> torch.Tensor:
@@ -139,17 +140,17 @@ class _View(torch.autograd.Function):
 def view_colours(
     means: torch.Tensor, colours: torch.Tensor, harmonics: torch.Tensor, eye: Array, *, kernels: bool = True
 ) -> torch.Tensor:
-    """Colours of splats as a camera sees them, differentiable in all three tensors.
+    """Return the colours of splats as a camera sees them, differentiable in all three tensors.
 
     Args:
         means: Centres, m. [N, 3].
-        colours: Constant part. [N, 3].
-        harmonics: The rest. [N, K, 3].
+        colours: Constant part of the colours. [N, 3].
+        harmonics: Coefficients of the part that depends on direction. [N, K, 3].
         eye: Position of the camera, in the frame of the means, m. [3].
-        kernels: Use the compiled kernels, on the processor; otherwise plain torch, on any device.
+        kernels: True for the compiled kernels, on the CPU; False for plain torch, on any device.
 
     Returns:
-        Not below 0; `colours` itself where there are no harmonics. [N, 3].
+        Colours, not below 0; `colours` itself if there are no harmonics. [N, 3].
     """
     degree = functions.degree_of(harmonics.shape[1])
     if degree == 0:
@@ -164,7 +165,7 @@ def view_colours(
 
 
 def viewed(means: Array, colours: Array, harmonics: Array, eye: Array) -> Array:
-    """`view_colours` of float32 arrays, without gradients.
+    """Do the work of `view_colours` for float32 arrays, without gradients.
 
     Args:
         means, colours, harmonics, eye: As in `view_colours`. [N, 3], [N, 3], [N, K, 3], [3].
@@ -177,7 +178,7 @@ def viewed(means: Array, colours: Array, harmonics: Array, eye: Array) -> Array:
 
 
 def packed(colours: Array, harmonics: Array) -> Array:
-    """Constant colours and harmonics of a multiple of `WIDTH` splats, side by side as `view_groups` reads them.
+    """Interleave constant colours and harmonics of a multiple of `WIDTH` splats as `view_groups` reads them.
 
     [N, 3], [N, K, 3] -> [N * (1 + K) * 3] float32.
     """
@@ -187,12 +188,12 @@ def packed(colours: Array, harmonics: Array) -> Array:
 
 @njit(error_model="numpy")
 def view_groups(packed: Array, terms: int, count: int, groups: Array, owners: Array, views: Array, lanes: Array) -> None:
-    """Write the colours that a camera sees of some groups of splats into what the projection reads, eight at a time.
+    """Write the colours of some groups of splats, as a camera sees them, into the input of the projection, eight at a time.
 
     Args:
-        packed: What the function of this name gives. [N * (1 + terms) * 3].
-        terms: Harmonics of each splat, without the constant one.
-        count: Splats.
+        packed: Output of the function `packed`. [N * (1 + terms) * 3].
+        terms: Number of harmonics of each splat, without the constant one.
+        count: Number of splats.
         groups, owners, views: As in `gsbridge.splats.rasterize.projection.project`. [G], [G], [F * 16].
         lanes: Prepared splats; the colours of these groups are replaced. [N * `LANES`].
     """
@@ -200,7 +201,7 @@ def view_groups(packed: Array, terms: int, count: int, groups: Array, owners: Ar
     for place in range(groups.shape[0]):
         v = 16 * owners[place]
         t0, t1, t2 = at(views, v + 13), at(views, v + 14), at(views, v + 15)
-        # The camera in the frame of the splats: -R^T t.
+        # Position of the camera in the frame of the splats: -R^T t.
         ex = -(at(views, v + 4) * t0 + at(views, v + 7) * t1 + at(views, v + 10) * t2)
         ey = -(at(views, v + 5) * t0 + at(views, v + 8) * t1 + at(views, v + 11) * t2)
         ez = -(at(views, v + 6) * t0 + at(views, v + 9) * t1 + at(views, v + 12) * t2)

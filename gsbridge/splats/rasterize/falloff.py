@@ -1,4 +1,4 @@
-"""What the blending kernels share: the pixels of a block, and a splat's alpha there."""
+"""Functions that the blending kernels share: the pixels of a block, and a splat's alpha at them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from gsbridge.splats.rasterize.memory import load, load_spread
 BLOCK, PIXELS = layout.BLOCK, layout.PIXELS
 LANE_X, LANE_Y = layout.LANE_X, layout.LANE_Y
 TILE = 4
-"""Edge, in blocks, of the tiles in which blocks are visited: a tile's records stay in the nearest cache."""
+"""Edge, in blocks, of the tiles in which blocks are processed, so that a tile's records stay in the first-level cache."""
 
 
 @njit(error_model="numpy", forceinline=True)
 def read_table(table: Array) -> tuple[LaneValues, ...]:
-    """`layout.TABLE` [9] as lanes, from memory: the compiler would set up constants again in every turn of a loop."""
+    """Load `layout.TABLE` [9] as lanes; the compiler would set up literal constants again in every iteration of a loop."""
     return (
         load_spread(table, 0),
         load_spread(table, 1),
@@ -35,7 +35,7 @@ def read_table(table: Array) -> tuple[LaneValues, ...]:
 
 @njit(error_model="numpy", forceinline=True)
 def power(p: LaneValues, constants: tuple[LaneValues, ...]) -> LaneValues:
-    """`2**(8 p)` for lanes in -1..0; anything finite, infinite or NaN elsewhere."""
+    """Return `2**(8 p)` for lanes in -1..0; the result is undefined for other values."""
     c0, c1, c2, c3, c4, c5, _, _, _ = constants
     e = c0 + p * (c1 + p * (c2 + p * (c3 + p * (c4 + p * c5))))
     e = e * e
@@ -47,11 +47,11 @@ def power(p: LaneValues, constants: tuple[LaneValues, ...]) -> LaneValues:
 def exponents(
     records: Array, base: int | np.int64, x_lanes: LaneValues, y_lanes: LaneValues
 ) -> tuple[LaneValues, LaneValues, LaneValues, LaneValues]:
-    """Offsets dx and dy (upper half of the block), and an eighth of the binary logarithm of alpha in both halves.
+    """Return the offsets dx and dy (upper half of the block), and an eighth of alpha's binary logarithm in both halves.
 
     Args:
         records: Projected splats. [N * RECORD] float32.
-        base: Where the splat's record begins in `records`.
+        base: Index in `records` at which the splat's record begins.
         x_lanes, y_lanes: Pixel centres of the block's upper half, from `pixels_of`, px.
 
     Returns:
@@ -72,13 +72,13 @@ def exponents(
 def falloff(
     records: Array, base: int | np.int64, x_lanes: LaneValues, y_lanes: LaneValues, constants: tuple[LaneValues, ...]
 ) -> tuple[LaneValues, LaneValues, LaneValues, LaneValues]:
-    """Offsets dx and dy (upper half of the block), and alpha before its clip, zero below the cut, in both halves.
+    """Return the offsets dx and dy (upper half of the block), and alpha in both halves, unclipped and zero below the cut.
 
     Args:
         records: Projected splats. [N * RECORD] float32.
-        base: Where the splat's record begins in `records`.
+        base: Index in `records` at which the splat's record begins.
         x_lanes, y_lanes: Pixel centres of the block's upper half, from `pixels_of`, px.
-        constants: From `read_table`.
+        constants: Output of `read_table`.
 
     Returns:
         dx and dy, px, then alpha in the upper and in the lower half.
@@ -90,14 +90,14 @@ def falloff(
 
 @njit(error_model="numpy", forceinline=True)
 def pixels_of(row: int, column: int, width: int, height: int) -> tuple[LaneValues, LaneValues, LaneValues, LaneValues]:
-    """Pixel centres of a block (the lower half lies 2 px further down), and 1 where its halves are inside the image.
+    """Return the pixel centres of a block's upper half (the lower half is 2 px further down) and marks of pixels in the image.
 
     Args:
-        row, column: Number of the block in the image.
+        row, column: Row and column of the block in the image.
         width, height: Size of the image, px.
 
     Returns:
-        x and y of the upper half's pixel centres, px, then the marks of the upper and the lower half.
+        x and y of the upper half's pixel centres, px, then the marks of upper and lower half (1 inside the image, 0 outside).
     """
     x = load(LANE_X, 0) + (column * BLOCK + 0.5)
     y = load(LANE_Y, 0) + (row * BLOCK + 0.5)

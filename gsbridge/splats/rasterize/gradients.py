@@ -1,8 +1,8 @@
-"""Kernels that walk each block's list again, front to back, for the gradients of its records.
+"""Kernels that go through each block's list again, front to back, to compute the gradients of its records.
 
-Nothing beside a pixel's final value is kept for this: what the pixel receives from behind a splat is the final value minus
-the sum up to that splat. The gradient with respect to a splat's weight is the one along its colour and depth, plus that of
-alpha, minus that of the background which the splat hides.
+Only a pixel's final value is kept from the forward pass: the light that reaches a pixel from behind a splat is the final value
+minus the sum up to that splat. The gradient with respect to a splat's weight is the sum over colour and depth of the image's
+gradient times the splat's value, plus the gradient of alpha, minus that of the background, which the splat hides.
 """
 
 from __future__ import annotations
@@ -22,12 +22,16 @@ from gsbridge.splats.rasterize.memory import at, load, load_halves, load_pixels,
 RECORD, BLOCK, PIXELS, STATE = layout.RECORD, layout.BLOCK, layout.PIXELS, layout.STATE
 
 AHEAD = 8
-"""Entries between a prefetch and its use: less than in blending, since an entry takes longer and needs two lines."""
+"""Number of entries between a prefetch and its use; lower than in blending, because an entry takes longer and needs two cache
+lines."""
 
 
 @njit(error_model="numpy")
 def _gather(gradients: tuple[Array, ...], row: int, column: int, width: int, height: int, scratch: Array) -> None:
-    """Copy the images' gradients of a block: red, green, blue, depth, alpha. Pixels outside the image keep what was there."""
+    """Copy a block's gradients from the images to `scratch`: red, green, blue, depth, alpha.
+
+    Values of pixels outside the image are left as they are.
+    """
     colours, alphas, depths = gradients
     if (row + 1) * BLOCK <= height and (column + 1) * BLOCK <= width:
         for half in range(2):
@@ -50,7 +54,12 @@ def _gather(gradients: tuple[Array, ...], row: int, column: int, width: int, hei
 
 @njit(error_model="numpy", forceinline=True)
 def _worth(scratch: Array, half: int, background: Array, states: Array, state: int) -> tuple[LaneValues, LaneValues]:
-    """Worth of a unit of weight apart from colour and depth, and what all weights of a pixel are worth together."""
+    """Return the parts of the gradient that do not depend on a splat, for one half of a block.
+
+    Returns:
+        The gradient per unit of weight apart from colour and depth (alpha minus background), and the sum of gradient times
+        weight over all splats of a pixel.
+    """
     red, green, blue = load(scratch, half), load(scratch, half + 16), load(scratch, half + 32)
     depth, alpha = load(scratch, half + 48), load(scratch, half + 64)
     behind = red * background[0] + green * background[1] + blue * background[2]
@@ -77,7 +86,10 @@ def _backward_block(
     targets: Array,
     sums: Array,
 ) -> None:
-    """Add a block's gradient sums to those which `targets` names for its entries; `scratch` holds its pixels' gradients."""
+    """Add a block's gradient sums to the rows of `sums` that `targets` names for its entries.
+
+    `scratch` holds the gradients of the block's pixels.
+    """
     x_lanes, y_lanes, light0, light1 = pixels_of(row, column, width, height)
     constants = read_table(table)
     alpha_max, light_min = constants[7], constants[8]
@@ -88,7 +100,8 @@ def _backward_block(
     after = np.int64(at(entries, first)) * RECORD
     next_dx, next_dy, next_raw0, next_raw1 = falloff(records, after, x_lanes, y_lanes, constants)
     for entry in range(first, last):
-        # The falloff of the next entry is computed beside the sums of this one: two short chains instead of a long one.
+        # Compute the falloff of the next entry together with the sums of this one: two independent chains of instructions
+        # overlap, where one long chain would not.
         base, dx, dy0, raw0, raw1 = after, next_dx, next_dy, next_raw0, next_raw1
         dy1 = dy0 + 2.0
         ahead = np.int64(at(entries, min(entry + AHEAD, last - 1))) * RECORD
@@ -109,7 +122,7 @@ def _backward_block(
         worth1 = worth1 + (depth * load(scratch, 56) + load(scratch, 72))
         gain0, gain1 = weight0 * worth0, weight1 * worth1
         rest0, rest1 = rest0 - gain0, rest1 - gain1
-        # alpha dL/dalpha; zero where the clip holds alpha.
+        # alpha dL/dalpha; zero where alpha is clipped.
         g0 = select(raw0 < alpha_max, gain0 - rest0 * (alpha0 / (1.0 - alpha0)), 0.0)
         g1 = select(raw1 < alpha_max, gain1 - rest1 * (alpha1 / (1.0 - alpha1)), 0.0)
 
@@ -138,7 +151,7 @@ def _backward_block(
 def _backward_rows(
     blocks: tuple[Any, ...], gradients: tuple[Array, ...], first_row: int, last_row: int, targets: Array, sums: Array
 ) -> None:
-    """Add the gradient sums of rows of blocks to the sums that `targets` names, tile by tile."""
+    """Add the gradient sums of rows of blocks to the rows of `sums` that `targets` names, tile by tile."""
     table, records, entries, starts, ends, _, columns, width, height, background, states = blocks
     scratch = np.zeros(STATE, np.float32)
     for top in range(first_row, last_row, TILE):
@@ -170,33 +183,33 @@ def _backward_rows(
 
 @njit(error_model="numpy")
 def sum_gradients(blocks: tuple[Any, ...], gradients: tuple[Array, ...], sums: Array) -> None:
-    """Gradient sums of all records, see `projection.project_backward`.
+    """Compute the gradient sums of all records, see `projection.project_backward`.
 
     Args:
         blocks: As in `blending.blend`, after it ran.
         gradients: Gradients of the loss with respect to colours, alphas and depths. [H * W * 3], [H * W], [H * W].
-        sums: Added to. [N * RECORD].
+        sums: The result is added to this. [N * RECORD].
     """
     _backward_rows(blocks, gradients, 0, blocks[5], blocks[2], sums)
 
 
 @njit(error_model="numpy")
 def share_entries(blocks: tuple[Any, ...], bands: int, first_band: Array, targets: Array, owners: Array) -> int:
-    """Assign sums to all entries so that no two bands of rows write to the same ones.
+    """Assign a row of sums to each entry so that no two bands write to the same row.
 
-    The first band that shows a record writes to the record's own sums. In a later band, each entry of that record gets sums of
-    its own, which are afterwards added to the record's in the order of the blocks. So one thread would have added them, and
-    float sums depend on their order.
+    The first band that shows a record writes to the record's own row. In a later band, each entry of that record gets its own
+    row, which is afterwards added to the record's row in the order of the blocks. A single thread adds in the same order; this
+    matters because float sums depend on their order.
 
     Args:
         blocks: As in `sum_gradients`.
         bands: Number of bands.
-        first_band: Filled with the first band of each record, -1 where none shows it. [N] int32.
-        targets: Filled with the sums of each entry: N and more are sums of its own. [entries] int32.
-        owners: Filled with the records of the sums beyond N, in order. [entries] int32.
+        first_band: Filled with the first band of each record, -1 if no band shows it. [N] int32.
+        targets: Filled with the row of sums of each entry; rows from N on belong to single entries. [entries] int32.
+        owners: Filled with the records of the rows from N on, in order. [entries] int32.
 
     Returns:
-        Number of sums beyond N.
+        Number of rows from N on.
     """
     entries, starts, ends, rows, columns = blocks[2], blocks[3], blocks[4], blocks[5], blocks[6]
     first_band[:] = -1
@@ -223,7 +236,7 @@ def share_entries(blocks: tuple[Any, ...], bands: int, first_band: Array, target
 
 @njit(error_model="numpy")
 def _rows_of(band: int, bands: int, rows: int) -> tuple[int, int]:
-    """Rows of blocks of a band: whole tiles, so that bands one after the other are the order of one thread."""
+    """Return the rows of blocks of a band: whole tiles, so that consecutive bands have the order of a single thread."""
     tiles = (rows + TILE - 1) // TILE
     return TILE * (tiles * band // bands), min(rows, TILE * (tiles * (band + 1) // bands))
 
@@ -232,15 +245,15 @@ def _rows_of(band: int, bands: int, rows: int) -> tuple[int, int]:
 def sum_gradients_parallel(
     blocks: tuple[Any, ...], gradients: tuple[Array, ...], bands: int, targets: Array, owners: Array, count: int, sums: Array
 ) -> None:
-    """`sum_gradients` in bands of rows, the same to the last bit.
+    """Do the work of `sum_gradients` in bands of rows; the result is bitwise the same.
 
     Args:
         blocks: As in `sum_gradients`.
         gradients: As in `sum_gradients`. [H * W * 3], [H * W], [H * W].
         bands: Number of bands that `share_entries` was called with.
-        targets, owners: What `share_entries` filled. [entries] int32.
-        count: What `share_entries` returned.
-        sums: Zero on entry; the first N hold the result. [(N + count) * RECORD].
+        targets, owners: As filled by `share_entries`. [entries] int32.
+        count: As returned by `share_entries`.
+        sums: Zero on entry; the first N rows receive the result. [(N + count) * RECORD].
     """
     for band in prange(bands):
         begin, end = _rows_of(band, bands, blocks[5])

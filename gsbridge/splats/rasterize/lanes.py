@@ -1,11 +1,12 @@
-"""Eight float32 values that a kernel handles as one: a SIMD type for numba.
+"""A SIMD type for numba: eight float32 values that a kernel handles as one.
 
-numba leaves vectorisation to LLVM, which gives up silently on loops with masks and reductions. Here a kernel says what it
-wants: `Lanes` lowers to LLVM's `<8 x float>`, which becomes one AVX register (or two of SSE or NEON), so the same source runs
-on every processor. Arithmetic works between lanes and between lanes and a float32. Comparisons give a `Mask` for `select`.
-`WideLanes` are sixteen: one register where there is AVX-512 (`HAS_WIDE`), two elsewhere, known to fewer functions.
+numba leaves vectorisation to LLVM, which silently gives up on loops with masks and reductions. Here a kernel vectorises
+explicitly: `Lanes` lowers to LLVM's `<8 x float>`, which becomes one AVX register (or two of SSE or NEON), so the same source
+runs on every processor. Arithmetic works between lanes, and between lanes and a number. Comparisons give a `Mask` for
+`select`. `WideLanes` have sixteen values: one register with AVX-512 (`HAS_WIDE`), two elsewhere. Fewer functions accept them.
 
-Multiplications and additions may fuse (one rounding instead of two); nothing else is relaxed, so NaN compares false.
+Multiplications and additions may be fused (one rounding instead of two), and the sign of a zero may be lost. Nothing else is
+relaxed, so comparisons with NaN are false.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ Lanes, WideLanes = _LanesType("Lanes", WIDTH), _LanesType("WideLanes", WIDE)
 Mask, WideMask = _MaskType("Mask", WIDTH), _MaskType("WideMask", WIDE)
 _MASKS = {Lanes: Mask, WideLanes: WideMask}
 LaneValues: TypeAlias = Any
-"""What a kernel holds in `Lanes`, `WideLanes` or a mask: only numba knows these types, Python's checkers do not."""
+"""Type of values in `Lanes`, `WideLanes` or a mask: Python's type checkers do not know numba's types."""
 
 
 @register_model(_LanesType)
@@ -75,10 +76,10 @@ class _MaskModel(models.PrimitiveModel):
 
 
 def spread_scalar(builder: ir.IRBuilder, value: ir.Value, width: int = WIDTH) -> ir.Value:
-    """A scalar copied to all lanes.
+    """Emit the copy of a scalar to all lanes.
 
     Args:
-        builder: Where to write the instructions.
+        builder: Builder that receives the instructions.
         value: A float32.
         width: Number of lanes.
     """
@@ -94,14 +95,14 @@ def _as_lanes(context: Any, builder: ir.IRBuilder, value: ir.Value, kind: types.
 
 
 def _common(kinds: Any) -> Any:
-    """The lanes among some types, if all others are numbers; None if there are none, or of both widths."""
+    """Return the lane type among some types; None if there is none, if there are two, or if another type is not a number."""
     lanes = {kind for kind in kinds if isinstance(kind, _LanesType)}
     fits = len(lanes) == 1 and all(isinstance(kind, _LanesType | types.Number) for kind in kinds)
     return lanes.pop() if fits else None
 
 
 def _binary(function: Callable[..., Any], emit: Callable[..., ir.Value], *, compares: bool = False) -> None:
-    """Teach numba an operator between lanes, or between lanes and a number."""
+    """Register an operator with numba, between lanes or between lanes and a number."""
 
     @infer_global(function)
     class _Typing(AbstractTemplate):
@@ -130,7 +131,7 @@ _binary(operator.ge, lambda b, x, y: b.fcmp_ordered(">=", x, y), compares=True)
 
 
 def _logical(function: Callable[..., Any], emit: Callable[..., ir.Value]) -> None:
-    """Teach numba an operator between masks."""
+    """Register an operator between masks with numba."""
 
     @infer_global(function)
     class _Typing(AbstractTemplate):
@@ -159,13 +160,13 @@ def _lower_neg(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.V
 
 
 def call_llvm(builder: ir.IRBuilder, name: str, result: ir.Type, args: list[ir.Value]) -> ir.Value:
-    """Call an LLVM intrinsic.
+    """Emit a call of an LLVM intrinsic.
 
     Args:
-        builder: Where to write the call.
+        builder: Builder that receives the call.
         name: LLVM's name of the intrinsic, with its overloaded types.
-        result: Type that it returns.
-        args: Its arguments.
+        result: Type of the result.
+        args: Arguments of the call.
     """
     kind = ir.FunctionType(result, [value.type for value in args])
     function = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
@@ -174,7 +175,7 @@ def call_llvm(builder: ir.IRBuilder, name: str, result: ir.Type, args: list[ir.V
 
 @intrinsic
 def spread(typing: Any, value: Any) -> Any:
-    """A number in all lanes."""
+    """Return lanes that all hold the same number."""
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
         return spread_scalar(builder, context.cast(builder, args[0], sig.args[0], types.float32))
@@ -184,7 +185,7 @@ def spread(typing: Any, value: Any) -> Any:
 
 @intrinsic
 def spread_wide(typing: Any, value: Any) -> Any:
-    """A number in all wide lanes."""
+    """Return wide lanes that all hold the same number."""
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
         return spread_scalar(builder, context.cast(builder, args[0], sig.args[0], types.float32), WIDE)
@@ -194,7 +195,7 @@ def spread_wide(typing: Any, value: Any) -> Any:
 
 @intrinsic
 def select(typing: Any, mask: Any, chosen: Any, other: Any) -> Any:
-    """Lane by lane: `chosen` where the mask is set, `other` elsewhere.
+    """Return, lane by lane, `chosen` where the mask is set and `other` elsewhere.
 
     Args:
         mask: A `Mask` or `WideMask`.
@@ -248,7 +249,7 @@ larger = _extreme(">", "Larger of two, lane by lane; `right` where either is NaN
 
 @intrinsic
 def mask_bits(typing: Any, mask: Any) -> Any:
-    """The mask as a whole number, lane 0 in the lowest bit."""
+    """Return the mask as an integer, with lane 0 in the lowest bit."""
     if not isinstance(mask, _MaskType):
         return None
 
@@ -269,7 +270,7 @@ def exponent_and_mantissa(typing: Any, value: Any) -> Any:
             return ir.Constant(INTS, [number] * WIDTH)
 
         bits = builder.bitcast(args[0], INTS)
-        # Subtracting the bits of 2/3 puts the change of exponent at mantissa 4/3 instead of 2.
+        # Subtracting the bits of 2/3 makes the exponent change at mantissa 4/3 instead of 2.
         shifted = builder.sub(bits, constant(0x3F2AAAAB))
         exponent = builder.ashr(shifted, constant(23))
         mantissa = builder.bitcast(builder.sub(bits, builder.shl(exponent, constant(23))), FLOATS)
@@ -280,7 +281,7 @@ def exponent_and_mantissa(typing: Any, value: Any) -> Any:
 
 @intrinsic
 def sums_of_eight(typing: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any) -> Any:
-    """Sum over the lanes of each of eight arguments, as eight lanes: a transposition with additions on the way.
+    """Return the sum over the lanes of each of eight arguments, as eight lanes: a transposition combined with additions.
 
     Args:
         a, b, c, d, e, f, g, h: `Lanes` each; the sum over the k-th argument becomes lane k.
@@ -291,7 +292,7 @@ def sums_of_eight(typing: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g
             first = builder.shuffle_vector(x, y, ir.Constant(INTS, low))
             return builder.fadd(first, builder.shuffle_vector(x, y, ir.Constant(INTS, high)), flags=FLAGS)
 
-        # Within each half of four lanes, then across the halves, so that no early step leaves its half (cheap shuffles).
+        # Add within each half of four lanes first, then across the halves: shuffles within a half are cheaper.
         even, odd = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]
         twos = [pair(args[k], args[k + 1], even, odd) for k in (0, 2, 4, 6)]
         low, high = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
@@ -304,7 +305,11 @@ def sums_of_eight(typing: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g
 
 @intrinsic
 def bits_between(typing: Any, first: Any, last: Any) -> Any:
-    """The bits from `first` to before `last` as a whole number, both cut to whole numbers 0..15; 0 where there are none."""
+    """Return an integer with the bits from `first` up to, but without, `last` set; 0 if there are none.
+
+    Args:
+        first, last: `Lanes` with bit numbers, truncated to integers, which must be 0..15.
+    """
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
         low, high = (builder.fptosi(value, INTS) for value in args)
@@ -317,7 +322,7 @@ def bits_between(typing: Any, first: Any, last: Any) -> Any:
 
 @intrinsic
 def lowest_bit(typing: Any, bits: Any) -> Any:
-    """Number of the lowest set bit of an int64 that is not zero."""
+    """Return the index of the lowest set bit of an int64 that is not zero."""
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
         return call_llvm(builder, "llvm.cttz.i64", ir.IntType(64), [args[0], ir.Constant(ir.IntType(1), 1)])

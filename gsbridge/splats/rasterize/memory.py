@@ -1,4 +1,4 @@
-"""Lanes and memory: loads, stores and transpositions of flat arrays, without numba's detour for negative indices."""
+"""Loads, stores and transpositions between lanes and flat arrays, without numba's extra code for negative indices."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TWELVE = ir.VectorType(ir.FloatType(), 3 * _HALF)
 
 
 def _address(context: Any, builder: ir.IRBuilder, array_type: Any, array: ir.Value, index: ir.Value) -> ir.Value:
-    """Address of an element of a flat, contiguous array."""
+    """Emit the address of an element of a flat, contiguous array."""
     return builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
 
 
@@ -28,7 +28,7 @@ def _is_flat(kind: Any, dtype: Any) -> bool:
 
 @intrinsic
 def at(typing: Any, array: Any, index: Any) -> Any:
-    """An element of a flat array, without numba's detour for negative indices."""
+    """Return an element of a flat array, without numba's extra code for negative indices."""
     if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
         return None
 
@@ -40,11 +40,11 @@ def at(typing: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def put(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write an element of a flat array, without numba's detour for negative indices.
+    """Write an element of a flat array, without numba's extra code for negative indices.
 
     Args:
         array: Flat array, C order, of any type.
-        index: Place of the element.
+        index: Index of the element.
         value: A number of the array's type.
     """
     if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
@@ -76,7 +76,7 @@ load_wide = _load(WideLanes, WIDE_FLOATS, "Wide lanes from a flat float32 array,
 
 @intrinsic
 def load_spread(typing: Any, array: Any, index: Any) -> Any:
-    """One element of a flat float32 array in all lanes."""
+    """Return lanes that all hold one element of a flat float32 array."""
     if not _is_flat(array, types.float32):
         return None
 
@@ -115,7 +115,7 @@ def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
 
     Args:
         array: Flat float32 array.
-        index: Place of the first lane.
+        index: Index at which the first lane is written.
         value: `Lanes` or `WideLanes`.
     """
     if not _is_flat(array, types.float32) or value not in (Lanes, WideLanes):
@@ -131,7 +131,7 @@ def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
 
 @intrinsic
 def prefetch(typing: Any, array: Any, index: Any) -> Any:
-    """Ask for the cache line of an element that will be read soon."""
+    """Prefetch the cache line of an element that will be read soon."""
     if not _is_flat(array, types.float32):
         return None
 
@@ -152,8 +152,8 @@ def store_rows(
 
     Args:
         array: Flat float32 array.
-        index: Place of the first row.
-        stride: Elements from one row to the next.
+        index: Index at which the first row begins.
+        stride: Number of elements from one row to the next.
         a, b, c, d, e, f, g, h: `Lanes` each; row k gets their k-th lanes in this order.
     """
     columns = (a, b, c, d, e, f, g, h)
@@ -183,11 +183,11 @@ def store_rows(
 
 @intrinsic
 def store_whole(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write lanes, cut to whole numbers, into a flat int32 array, from `index` on.
+    """Write lanes, truncated to integers, into a flat int32 array, from `index` on.
 
     Args:
         array: Flat int32 array.
-        index: Place of the first lane.
+        index: Index at which the first lane is written.
         value: `Lanes`.
     """
     if not _is_flat(array, types.int32) or value != Lanes:
@@ -202,19 +202,19 @@ def store_whole(typing: Any, array: Any, index: Any, value: Any) -> Any:
 
 
 def _pick(builder: ir.IRBuilder, left: ir.Value, right: ir.Value | None, lanes: list[int]) -> ir.Value:
-    """Chosen elements of one or two vectors, numbered through."""
+    """Emit a vector of chosen elements of one or two vectors; the second one's elements are numbered after the first one's."""
     other = ir.Constant(left.type, ir.Undefined) if right is None else right
     return builder.shuffle_vector(left, other, ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes))
 
 
 @intrinsic
 def load_halves(typing: Any, array: Any, index: Any, stride: Any) -> Any:
-    """Four elements from `index` on, then four from `index + stride` on: two rows of pixels.
+    """Load four elements from `index` on, then four from `index + stride` on: two rows of pixels.
 
     Args:
         array: Flat float32 array.
-        index: Place of the first four elements.
-        stride: Elements from there to the other four.
+        index: Index of the first four elements.
+        stride: Number of elements from there to the other four.
     """
     if not _is_flat(array, types.float32):
         return None
@@ -235,8 +235,8 @@ def store_halves(typing: Any, array: Any, index: Any, stride: Any, value: Any) -
 
     Args:
         array: Flat float32 array.
-        index: Place of the first four lanes.
-        stride: Elements from there to the place of the other four.
+        index: Index at which the first four lanes are written.
+        stride: Number of elements from there to the other four.
         value: `Lanes`.
     """
     if not _is_flat(array, types.float32) or value != Lanes:
@@ -254,12 +254,12 @@ def store_halves(typing: Any, array: Any, index: Any, stride: Any, value: Any) -
 
 @intrinsic
 def load_pixels(typing: Any, array: Any, index: Any, stride: Any) -> Any:
-    """Red, green and blue of four pixels from `index` on and of four from `index + stride` on.
+    """Load red, green and blue of four pixels from `index` on and of four from `index + stride` on.
 
     Args:
         array: Flat float32 array of RGB pixels.
-        index: Place of the red of the first pixel.
-        stride: Elements from there to the red of the fifth pixel.
+        index: Index of the first pixel's red.
+        stride: Number of elements from there to the fifth pixel's red.
 
     Returns:
         Red, green and blue, `Lanes` each.
@@ -284,8 +284,8 @@ def store_pixels(typing: Any, array: Any, index: Any, stride: Any, red: Any, gre
 
     Args:
         array: Flat float32 array of RGB pixels.
-        index: Place of the red of the first pixel.
-        stride: Elements from there to the red of the fifth pixel.
+        index: Index of the first pixel's red.
+        stride: Number of elements from there to the fifth pixel's red.
         red, green, blue: `Lanes` each.
     """
     if not _is_flat(array, types.float32) or any(kind != Lanes for kind in (red, green, blue)):
@@ -295,7 +295,7 @@ def store_pixels(typing: Any, array: Any, index: Any, stride: Any, red: Any, gre
         both = _pick(builder, args[3], args[4], list(range(2 * WIDTH)))
         last = _pick(builder, args[5], None, [*range(WIDTH)] * 2)
         for first, position in ((0, args[1]), (_HALF, builder.add(args[1], args[2]))):
-            # In `both` and `last` end to end, the green of a pixel lies 8 and its blue 16 behind its red.
+            # In `both` followed by `last`, a pixel's green is 8 elements after its red, and its blue 16.
             order = [first + pixel + WIDTH * colour for pixel in range(_HALF) for colour in range(3)]
             address = _address(context, builder, sig.args[0], args[0], position)
             builder.store(_pick(builder, both, last, order), builder.bitcast(address, _TWELVE.as_pointer()), align=4)

@@ -1,4 +1,4 @@
-"""The kernel that turns splats into what their projection reads: once per scene, or once per step of training."""
+"""The kernel that converts splats to the input of their projection, once per scene or once per step of training."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gsbridge.splats.rasterize.memory import load, load_quads, load_triples, sto
 
 @njit(error_model="numpy", forceinline=True)
 def axes_of(w: LaneValues, x: LaneValues, y: LaneValues, z: LaneValues) -> tuple[LaneValues, ...]:
-    """Rotation matrix of a unit quaternion, row by row.
+    """Return the rotation matrix of a unit quaternion, row by row.
 
     Args:
         w, x, y, z: Components of the quaternion; `Lanes` each, for eight quaternions at once.
@@ -35,10 +35,10 @@ def axes_of(w: LaneValues, x: LaneValues, y: LaneValues, z: LaneValues) -> tuple
 
 @njit(error_model="numpy")
 def prepare(means: Array, quats: Array, scales: Array, opacities: Array, colours: Array, lanes: Array) -> None:
-    """Covariances of splats, and all that `project` reads, side by side for eight splats at a time.
+    """Compute the covariances of splats and store all that `project` reads, interleaved for eight splats at a time.
 
     Args:
-        means, quats, scales, opacities, colours: Flat arrays of splats, m, N a multiple of eight. [N * 3], [N * 4],
+        means, quats, scales, opacities, colours: Flat arrays of splats, m; N is a multiple of eight. [N * 3], [N * 4],
             [N * 3], [N], [N * 3].
         lanes: Output. [N * `LANES`].
     """

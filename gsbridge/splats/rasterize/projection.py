@@ -1,8 +1,8 @@
-"""Kernels that project splats to the screen, eight at a time, and take gradients back.
+"""Kernels that project splats to the screen, eight at a time, and that propagate gradients back through the projection.
 
-EWA splatting: the covariance of a 3D Gaussian is mapped by the Jacobian of the projection at its centre.
+They use EWA splatting: the covariance of a 3D Gaussian is mapped by the Jacobian of the projection at its centre.
 
-Source: Zwicker et al., "EWA volume splatting", 2001; Kerbl et al., "3D Gaussian splatting", 2023; without aliasing: Yu et al.,
+Source: Zwicker et al., "EWA volume splatting", 2001; Kerbl et al., "3D Gaussian splatting", 2023; for antialiasing: Yu et al.,
 "Mip-Splatting", 2024, section 5.2.
 """
 
@@ -35,13 +35,13 @@ BLUR = layout.BLUR
 CUT = layout.CUT
 SCALE = layout.SCALE
 _FALLOFF_PER_SIGMA2 = 2.0 / SCALE
-_BOUND = 1.002 * _FALLOFF_PER_SIGMA2  # a little wider against rounding
-_FARTHEST = 1e9  # px or px^2: beyond it a float32 has no sub-pixel digits left and the splat is dropped
+_BOUND = 1.002 * _FALLOFF_PER_SIGMA2  # slightly wider, against rounding errors
+_FARTHEST = 1e9  # px: a splat with a larger extent is dropped, because a float32 of that size cannot resolve a pixel
 
 
 @njit(error_model="numpy", forceinline=True)
 def _log2(value: LaneValues) -> LaneValues:
-    """Binary logarithm of positive lanes, absolute error about 1e-7: series of atanh."""
+    """Return the binary logarithm of positive lanes by a series of atanh, with an absolute error of about 1e-7."""
     exponent, mantissa = exponent_and_mantissa(value)
     s = (mantissa - 1.0) / (mantissa + 1.0)
     t = s * s
@@ -58,23 +58,24 @@ def row_span(
     scale: LaneValues,
     origin: LaneValues,
 ) -> tuple[LaneValues, LaneValues]:
-    """First block, and one past the last, that an ellipse meets in a row of blocks, before rounding down.
+    """Return the first block that an ellipse meets in a row of blocks, and one past the last, both before rounding down.
 
-    The edge is furthest out at the ellipse's tip, or at the first or last row of pixel centres if the tip lies elsewhere.
+    Within the row of blocks, the ellipse extends furthest to the side at its tip, or, if the tip is not within the row, at the
+    first or last row of pixel centres.
 
     Args:
-        near: First row of pixel centres from the splat's centre, px.
+        near: y of the first row of pixel centres, from the splat's centre, px.
         tilt: dy of the ellipse's right tip, px; the left tip is opposite.
-        level, curve: `4 xx reach` and `4 xx yy - xy^2`: the ellipse is `xx dx dx + xy dx dy + yy dy dy = reach`.
+        level, curve: `4 xx reach` and `4 xx yy - xy^2`, for the ellipse `xx dx dx + xy dx dy + yy dy dy = reach`.
         xy: Coefficient of `dx dy` in the ellipse's equation.
-        scale: `1 / (8 xx)`: half widths in blocks.
-        origin: The splat's x from half a pixel into the block that counts as 0, in blocks.
+        scale: `1 / (8 xx)`, which converts half widths to blocks.
+        origin: x of the splat's centre from the first pixel centre of block 0, in blocks.
     """
     far = near + 3.0
     dy = smaller(larger(tilt, near), far)
     end = origin + (square_root(larger(level - curve * dy * dy, 0.0)) - xy * dy) * scale + 1.0
     dy = smaller(larger(-tilt, near), far)
-    # A quarter less a little: a block's last pixel centre decides, and rounding down follows.
+    # The last pixel centre of a block, 3 px after the first, decides; with rounding down this adds 1/4, less a small margin.
     begin = origin - (square_root(larger(level - curve * dy * dy, 0.0)) + xy * dy) * scale + 0.2475
     return begin, end
 
@@ -90,7 +91,7 @@ def _bits_of_row(
     origin: LaneValues,
     wide: LaneValues,
 ) -> LaneValues:
-    """Blocks that an ellipse meets in one row of blocks, as bits."""
+    """Return the blocks that an ellipse meets in one row of blocks, as bits."""
     begin, end = row_span(near, tilt, level, curve, xy, scale, origin)
     return bits_between(smaller(larger(begin, 0.0), wide), smaller(larger(end, 0.0), wide))
 
@@ -112,33 +113,33 @@ def project(
     boxes: Array,
     capacity: Array,
 ) -> int:
-    """Project splats, drop those outside the view, pack the others.
+    """Project splats, drop those outside the view, and write a record for each of the others.
 
     Args:
-        lanes: What `gsbridge.splats.rasterize.preparing.prepare` filled. [N * `LANES`].
-        count: Splats.
-        groups: Numbers of the groups of `GROUP` splats to look at. [G] int64.
+        lanes: Output of `gsbridge.splats.rasterize.preparing.prepare`. [N * `LANES`].
+        count: Number of splats.
+        groups: Indices of the groups of `GROUP` splats to project. [G] int64.
         owners: Row in `views` of each of these groups. [G] int64.
-        views: Row of numbers for every frame that splats are given in: fx, fy, cx, cy, then the rotation and the translation
-            from it to the camera. [F * 16].
+        views: One row per frame of splats: fx, fy, cx, cy, then rotation (row by row) and translation of `cam_from_frame`.
+            [F * 16].
         near: Smallest camera z, m.
-        width, height: Image, px.
-        antialiased: Lower a splat's opacity in the proportion in which the blur on the screen enlarges its area.
+        width, height: Size of the image, px.
+        antialiased: Whether to lower a splat's opacity by the factor by which the screen blur enlarges its area.
         records: Filled with one record per visible splat, in the order of the splats. [N * RECORD].
-        sources: Filled with the number of the splat of each record. [N].
+        sources: Filled with the index of the splat of each record. [N].
         depths: Filled with the camera z of each record, m. [N].
         boxes: Filled, per record, with the first block of its box (high half) and its `MASK` (low half). [N] int64.
-        capacity: Added to: upper bound of the entries in each block's list, as a second difference over rows and columns of
-            blocks. [(rows + 1) * (columns + 1)].
+        capacity: The records are added to this: an upper bound of the entries in each block's list, stored as a second
+            difference over rows and columns of blocks. [(rows + 1) * (columns + 1)].
 
     Returns:
-        Visible splats.
+        Number of visible splats.
     """
     fx, fy, cx, cy = views[0], views[1], views[2], views[3]
     margin_x, margin_y = np.float32(0.5 * layout.MARGIN) * width / fx, np.float32(0.5 * layout.MARGIN) * height / fy
     right, left = (width - cx) / fx + margin_x, -cx / fx - margin_x
     bottom, top = (height - cy) / fy + margin_y, -cy / fy - margin_y
-    # Largest square of a slope's length, per square of a splat's size over its distance.
+    # Upper bounds of the squared length of the Jacobian's rows times the squared distance z^2.
     widest_x = fx * fx * (np.float32(1.0) + max(left * left, right * right))
     widest_y = fy * fy * (np.float32(1.0) + max(top * top, bottom * bottom))
     columns = (width + layout.BLOCK - 1) // layout.BLOCK + 1
@@ -161,8 +162,8 @@ def project(
         u = (mx * r00 + my * r01 + mz * r02 + t0) * inverse
         v = (mx * r10 + my * r11 + mz * r12 + t1) * inverse
         x, y = u * fx + cx, v * fy + cy
-        # As far as the splat could reach were it as wide as its widest axis in all directions; log2(a) <= (a - 1) / ln 2. Eight
-        # that lie outside, as most of a scene does, are done here.
+        # Bound the extent by that of a sphere with the splat's largest scale; log2(a) <= (a - 1) / ln 2. If all eight splats
+        # are outside, as most of a scene is, nothing more is computed for them.
         widest, opacity = load(lanes, start + 3 * WIDTH) * inverse, load(lanes, start + 4 * WIDTH)
         room = (larger(opacity - 1.0, 0.0) * 0.181 - CUT) * _BOUND
         aside, above = larger(larger(-x, x - width), 0.0), larger(larger(-y, y - height), 0.0)
@@ -191,12 +192,12 @@ def project(
         reach = log - CUT
         half_x = square_root(reach * cxx * _FALLOFF_PER_SIGMA2)
         half_y = square_root(reach * cyy * _FALLOFF_PER_SIGMA2)
-        # Pixels whose centres the ellipse's box holds, a thousandth wider against rounding; ceil(v) = -floor(-v).
+        # Pixels whose centres are in the ellipse's box, 0.001 px wider against rounding errors; ceil(v) = -floor(-v).
         x0, x1 = larger(-round_down(half_x - x + 0.499), 0.0), smaller(round_down(x + half_x - 0.499), width - 1.0)
         y0, y1 = larger(-round_down(half_y - y + 0.499), 0.0), smaller(round_down(y + half_y - 0.499), height - 1.0)
         red, green = load(lanes, start + 11 * WIDTH), load(lanes, start + 12 * WIDTH)
         blue = load(lanes, start + 13 * WIDTH)
-        # Every comparison with NaN is false, and so is that of 0 * inf: a damaged splat is dropped here.
+        # Comparisons with NaN are false, and 0 * inf is NaN, so a splat with a value that is not finite is dropped here.
         seen = (x0 <= x1) & (y0 <= y1) & (z >= near) & (reach > 0.0) & (half_x < _FARTHEST) & (half_y < _FARTHEST)
         seen = seen & ((red + green + blue + x + y + z) * 0.0 >= 0.0) & (factor > 0.0) & (opacity < 1e6)
         bits = mask_bits(seen)
@@ -206,12 +207,12 @@ def project(
         block_left, block_top = round_down(x0 * 0.25), round_down(y0 * 0.25)
         block_right, block_bottom = round_down(x1 * 0.25) + 1.0, round_down(y1 * 0.25) + 1.0
         xx, xy, yy = cyy * factor * 0.5, -(cxy * factor), cxx * factor * 0.5
-        # The reach is taken a thousandth wider against rounding; spans count from the left block on.
+        # The reach is enlarged by a thousandth against rounding errors; spans are counted from the left block.
         tilt, level, curve, scale = cxy / cxx * half_x, 4.004 * xx * reach, 4.0 * xx * yy - xy * xy, 0.125 / xx
         origin, wide, high = (x - 0.5) * 0.25 - block_left, smaller(block_right - block_left, 4.0), block_bottom - block_top
         above = block_top * 4.0 + 0.5 - y
         mask = _bits_of_row(above, tilt, level, curve, xy, scale, origin, wide)
-        # Most splats are no higher than a row or two of blocks, and neighbours are alike.
+        # Most splats are at most two rows of blocks high, and neighbouring splats are similar, so these branches save time.
         if mask_bits(seen & (high > 1.0)) != 0:
             second = _bits_of_row(above + 4.0, tilt, level, curve, xy, scale, origin, wide)
             mask = mask + select(high > 1.0, second, 0.0) * 16.0
@@ -222,7 +223,7 @@ def project(
         mask = select((block_right - block_left <= 4.0) & (high <= 4.0), mask, -1.0)
         store_rows(rows, 0, RECORD, x, y, xx, xy, yy, log, red, green)
         store_rows(rows, 8, RECORD, blue, z, reach, block_left, block_top, block_right, block_bottom, mask)
-        # Whole numbers below 2**24 are exact in float32.
+        # Integers below 2**24 are exact in float32.
         store_whole(cells, 0, block_top * columns + block_left)
         store_whole(cells, 8, block_top * columns + block_right)
         store_whole(cells, 16, block_bottom * columns + block_left)
@@ -269,16 +270,16 @@ def project_backward(
     g_opacities: Array,
     g_colours: Array,
 ) -> None:
-    """Gradients of the splats from the sums over their pixels.
+    """Compute the gradients of the splats from the sums over their pixels.
 
     Args:
         means, quats, scales, opacities: As in `gsbridge.splats.rasterize.preparing.prepare`. [N * 3], [N * 4], [N * 3], [N].
         view: fx, fy, cx, cy, then the rotation and the translation `cam_from_table`. [16].
         width, height: As in `project`.
-        records, sources, visible: What `project` gave. [N * RECORD], [N].
-        sums: Per record, over its pixels, of `g = alpha * dL/dalpha`: g, g dx, g dy, g dx dx, g dx dy, g dy dy, then the
-            gradients of red, green, blue and depth. [N * RECORD].
-        g_means, g_quats, g_scales, g_opacities, g_colours: Filled for the visible splats; the others must be zero already.
+        records, sources, visible: Output of `project`. [N * RECORD], [N].
+        sums: For each record, sums over its pixels: with `g = alpha * dL/dalpha`, those of g, g dx, g dy, g dx dx, g dx dy and
+            g dy dy, then the gradients of red, green, blue and depth. [N * RECORD].
+        g_means, g_quats, g_scales, g_opacities, g_colours: Filled for the visible splats; must be zero on entry.
             [N * 3], [N * 4], [N * 3], [N], [N * 3].
     """
     fx, fy, cx, cy = view[0], view[1], view[2], view[3]
@@ -330,13 +331,13 @@ def project_backward(
         u00, u01, u02 = a0 * m00 + a1 * m10 + a2 * m20, a0 * m01 + a1 * m11 + a2 * m21, a0 * m02 + a1 * m12 + a2 * m22
         u10, u11, u12 = b0 * m00 + b1 * m10 + b2 * m20, b0 * m01 + b1 * m11 + b2 * m21, b0 * m02 + b1 * m12 + b2 * m22
 
-        # Through the falloff: q = (A dx dx + 2 B dx dy + C dy dy) / 2 with the inverse covariance (A B; B C).
+        # Gradient through the falloff q = (A dx dx + 2 B dx dy + C dy dy) / 2 with the inverse covariance Q = (A B; B C).
         unit = 1.0 / SCALE
         ca, cb, cc = load(gathered, 144) * (2.0 * unit), load(gathered, 152) * unit, load(gathered, 160) * (2.0 * unit)
         g, gx, gy = load(gathered, 88), load(gathered, 96), load(gathered, 104)
         gxx, gxy, gyy = load(gathered, 112) * 0.5, load(gathered, 120) * 0.5, load(gathered, 128) * 0.5
         dx, dy = ca * gx + cb * gy, cb * gx + cc * gy
-        # dL/dcov = Q S Q, with S the halved second moments (their sign cancels against that of the inverse's derivative).
+        # dL/dcov = Q S Q with S, half the second moments; the signs of the falloff and of the inverse's derivative cancel.
         h00, h01 = ca * gxx + cb * gxy, ca * gxy + cb * gyy
         h10, h11 = cb * gxx + cc * gxy, cb * gxy + cc * gyy
         k00, k01, k11 = h00 * ca + h01 * cb, h00 * cb + h01 * cc, h10 * cb + h11 * cc
@@ -357,7 +358,7 @@ def project_backward(
         gqz = 2.0 * (qx * (n02 + n20) + qy * (n12 + n21) + qw * (n10 - n01) - 2.0 * qz * (n00 + n11))
         along = gw * qw + gqx * qx + gqy * qy + gqz * qz
 
-        # Slope of the projection, and the centre itself.
+        # Gradient through the Jacobian of the projection, and through the centre.
         ga0, ga1, ga2 = d00 * m00 + d01 * m01 + d02 * m02, d00 * m10 + d01 * m11 + d02 * m12, d00 * m20 + d01 * m21 + d02 * m22
         gb0, gb1, gb2 = d10 * m00 + d11 * m01 + d12 * m02, d10 * m10 + d11 * m11 + d12 * m12, d10 * m20 + d11 * m21 + d12 * m22
         gju, gsu = ga0 * r00 + ga1 * r01 + ga2 * r02, -(ga0 * r20 + ga1 * r21 + ga2 * r22)

@@ -1,7 +1,8 @@
-"""The rasteriser in plain torch: the oracle of the tests, in whatever precision its inputs have.
+"""The rasteriser in plain torch: the reference for the tests, in the precision of its inputs.
 
-The same definitions as the kernels, none of their algorithms: every splat meets every pixel, and autograd does the rest. With
-`tile`, only the splats whose box meets a tile are blended there, which makes larger images possible.
+It uses the definitions of the kernels but none of their algorithms: every splat is evaluated at every pixel, and autograd gives
+the gradients. With `tile`, a tile is blended only from the splats whose bounding box meets it, which makes larger images
+possible.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from gsbridge.splats.rasterize.layout import ALPHA_MAX, ALPHA_MIN, BLUR, LIGHT_M
 
 
 def rotations(quats: torch.Tensor) -> torch.Tensor:
-    """Rotation matrices of quaternions wxyz of any length. [N, 4] -> [N, 3, 3]."""
+    """Return the rotation matrices of quaternions wxyz of any length except zero. [N, 4] -> [N, 3, 3]."""
     w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -38,16 +39,16 @@ def rasterize(
     near: float,
     tile: int | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """The backend `reference` of `gsbridge.splats.rasterize.rasterize`, which has checked the shapes.
+    """Render with the backend `reference`; `gsbridge.splats.rasterize.rasterize` has checked the shapes.
 
     Args:
         means, quats, scales, opacities, colours: Splats, m, with gradients, of any floating type. [N, 3], [N, 4],
             [N, 3], [N], [N, 3].
         camera: Pinhole camera.
         cam_from_table: Pose of the camera. [4, 4].
-        background: Colour behind the splats, black when None. [3].
+        background: Colour behind the splats; None for black. [3].
         near: Smallest camera z of a centre, m.
-        tile: Edge of the tiles, px; None blends all pixels with all splats at once.
+        tile: Edge of the tiles, px; None blends all splats over all pixels at once.
     """
     kind: dict[str, Any] = {"dtype": means.dtype, "device": means.device}
     pose = torch.as_tensor(cam_from_table, **kind)

@@ -1,4 +1,4 @@
-"""Arrays of a rendering on the CPU, reused from one rendering to the next."""
+"""Arrays for rendering on the CPU, which are reused from one rendering to the next."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _KEYS = 2 * 4096
 
 @dataclass
 class Workspace:
-    """Arrays of one rendering. They grow when needed and are never shared by two renderings that may still need gradients."""
+    """Arrays of one rendering. They grow when needed. Two renderings that may still need gradients never share them."""
 
     records: Array = field(default_factory=lambda: np.empty(0, np.float32))
     sources: Array = field(default_factory=lambda: np.empty(0, np.int32))
@@ -40,7 +40,7 @@ class Workspace:
         """Make room for a number of splats and blocks.
 
         Args:
-            splats, rows, columns: Splats that may become visible; rows and columns of blocks in the image.
+            splats, rows, columns: Number of splats that may become visible; numbers of rows and columns of blocks in the image.
         """
         if len(self.sources) < splats:
             size = splats + splats // 8 + WIDTH
@@ -52,14 +52,14 @@ class Workspace:
             self.capacity = np.zeros((rows + 1) * (columns + 1), np.int32)
             self.running = np.empty(columns + 1, np.int32)
             self.states = aligned(rows * columns * STATE)
-            # A row of blocks more than there are: `fill` looks to the right and below before it knows that it need not.
+            # One extra row of blocks: `binning.fill` also touches the blocks to the right and below, needed or not.
             self.starts, self.ends = (np.empty((rows + 1) * columns + 1, np.int32) for _ in range(2))
 
     def fit_entries(self, entries: int) -> None:
         """Make room for a number of entries in the lists.
 
         Raises:
-            ValueError: More than an int32 can number.
+            ValueError: The number exceeds an int32.
         """
         if entries >= 2**31:
             raise ValueError("the splats cover the image too many times over; are their scales in metres?")
@@ -67,7 +67,7 @@ class Workspace:
             self.entries = np.empty(entries + entries // 4 + 1, np.int32)
 
     def fit_bands(self, visible: int) -> tuple[Array, Array, Array]:
-        """Arrays that `gradients.share_entries` fills."""
+        """Return arrays for `gradients.share_entries` to fill: first bands, targets and owners."""
         if len(self.targets) < len(self.entries):
             self.targets, self.owners = (np.empty(len(self.entries), np.int32) for _ in range(2))
         if len(self.first_band) < visible:
@@ -75,7 +75,7 @@ class Workspace:
         return self.first_band[:visible], self.targets, self.owners
 
     def zero_sums(self, count: int) -> Array:
-        """Zeroed gradient sums. [count * RECORD]."""
+        """Return zeroed gradient sums. [count * RECORD]."""
         if self.sums.size < count * RECORD:
             self.sums = aligned((count + count // 8) * RECORD)
         out = self.sums[: count * RECORD]
@@ -84,7 +84,7 @@ class Workspace:
 
 
 def aligned(size: int) -> Array:
-    """Uninitialised float32 array on a cache line's edge, so that each record is one line."""
+    """Return an uninitialised float32 array that begins at a cache line, so that each record is one line."""
     raw = np.empty(4 * size + 64, np.uint8)
     offset = -raw.ctypes.data % 64
     return raw[offset : offset + 4 * size].view(np.float32)
