@@ -26,7 +26,7 @@ WINDOW = 0.006
 """Width of the window in which the variance of colours is measured, m: about the edge of a splat's triangle."""
 
 NOISE = 0.01
-"""Standard deviation of colours, sRGB, that is added to the detail everywhere, so that it has a floor on plain surfaces."""
+"""Standard deviation of colours, sRGB, that is mere noise of photos; its square is a floor for the detail of plain surfaces."""
 
 
 @dataclass(frozen=True)
