@@ -264,8 +264,8 @@ def test_every_missed_floor_is_told_whether_it_is_a_headline_or_not(value, told)
     block = readme_block(
         {"real2sim": good, "gap": bad}, {area: {"code": {"rule": "a"}, "settings": {}} for area in ("real2sim", "gap")}
     )
-    assert "Floors that are missed, 1 of the 2 of areas that are measured on this tree:" in block
-    assert told in block.partition("are missed, 1")[2]
+    assert "Missed floors, 1 of the 2 in the areas that are measured on this tree:" in block
+    assert told in block.partition("Missed floors, 1")[2]
 
 
 def test_the_block_is_replaced_and_nothing_else():

@@ -47,7 +47,7 @@ def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, s
     missed = [(area, score) for area, score in floors if not score["met"]]
     if missed:
         lines += [
-            f"Floors that are missed, {len(missed)} of the {len(floors)} of areas that are measured on this tree:",
+            f"Missed floors, {len(missed)} of the {len(floors)} in the areas that are measured on this tree:",
             "",
             *_table(missed),
             "",
