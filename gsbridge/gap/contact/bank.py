@@ -48,10 +48,10 @@ class GridBank:
 
 
 def grid_bank(replay: ThrowReplay, names: Collection[str] | None, folder: str | Path) -> GridBank:
-    """Simulate the grids of all effects on the first `FEW` throws, or read them from `folder`.
+    """Simulate the grids of all effects on `FEW` of the throws, or read them from `folder`.
 
     Args:
-        replay: Throws of `fit`; the part with its first `FEW` throws caches every grid point.
+        replay: Throws of `fit`; the part with `FEW` of them caches every grid point.
         names: Effects to consider; None for all effects of a body.
         folder: Folder that keeps banks from run to run.
     """

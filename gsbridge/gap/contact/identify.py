@@ -320,7 +320,8 @@ class ThrowIdentification:
         force closes most of the gap after the impact.
         """
         left = self.second.early(best.fit.effects)
-        closed = closure(float(self.second.early().mean()), float(left.mean()), float(rest.early.mean()))
+        before, after = (float(errors[rest.numbers].mean()) for errors in (self.second.early(), left))
+        closed = closure(before, after, float(rest.early.mean()))
         return rest.p_early(left) < self.rules.alarm and self.rules.gain < closed < self.rules.closure
 
     def _near(self, trial: ThrowHypothesis, best: ThrowHypothesis, gap: float) -> bool:

@@ -42,7 +42,7 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
     sets = null.replicates(few, effects, rng)
     seen = [([flight.position for flight in row], [flight.quat for flight in row]) for row in sets]
     usual = float(np.mean([few.apart(few.flights(effects), *row) for row in seen]))
-    misfit = max(1.0, float(replay.errors(effects).mean()) / usual)
+    misfit = max(1.0, float(few.errors(effects).mean()) / usual)
     for place, applied in enumerate(effects):
         rows = {}
         for parameter in BODY_EFFECTS[applied.name].parameters:

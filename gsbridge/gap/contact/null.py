@@ -54,12 +54,14 @@ class ThrowNull:
         early: Mean weighted distance before the first touch, of D sets drawn from the replicates, m. [D].
         plain: Mean distance of the tracked point over all replicates, m.
         spread: Expected distance at each moment of a throw, in the form that `ThrowReplay.weigh` takes.
+        numbers: Numbers of these throws among the N that were measured. int [M].
     """
 
     errors: Array
     early: Array
     plain: float
     spread: Callable[[Array], Array] = field(repr=False)
+    numbers: Array
 
     @property
     def floor(self) -> float:
@@ -80,18 +82,18 @@ class ThrowNull:
 
         Source: Hahn and Meeker, Statistical Intervals, 1991, chapter 4 (prediction of one further observation).
         """
-        engines, (count, few) = _sizes(self.errors), self.errors.shape
-        apart = (_sizes(errors[None, :few])[0] - engines.mean(axis=0)) / np.maximum(engines.std(axis=0, ddof=1), 1e-12)
+        engines, count = _sizes(self.errors), len(self.errors)
+        apart = (_sizes(errors[None, self.numbers])[0] - engines.mean(axis=0)) / np.maximum(engines.std(axis=0, ddof=1), 1e-12)
         looks = [*student.sf(apart / np.sqrt(1.0 + 1.0 / count), count - 1), self.p_early(early)]
         return float(min(1.0, len(looks) * min(looks)))
 
     def p_early(self, early: Array) -> float:
-        """Return the p-value of the mean error before the first touch, where all engines agree.
+        """Return the p-value of the mean error before the first touch, where all engines agree, over the same M throws.
 
         Args:
             early: Mean weighted distance of each throw before the first touch, m. [N].
         """
-        return float((1 + (self.early >= early.mean()).sum()) / (1 + len(self.early)))
+        return float((1 + (self.early >= early[self.numbers].mean()).sum()) / (1 + len(self.early)))
 
 
 def _sizes(errors: Array) -> Array:
@@ -131,7 +133,7 @@ def _measured(flight: Flight, noise: ThrowNoise, rng: np.random.Generator) -> Fl
 
 
 def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator, *, weigh: bool = False) -> ThrowNull:
-    """Simulate the errors of the first `FEW` throws under the null that these effects are the truth and also replayed.
+    """Simulate the errors of `FEW` throws under the null that these effects are the truth and also replayed.
 
     Args:
         replay: Throws and model.
@@ -151,8 +153,8 @@ def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.G
     plain = float(np.mean([distances(flights, row) for row in places]))
     # All throws of a real set share one engine, so each drawn set comes from a single replicate.
     which = rng.integers(0, len(errors), _DRAWS)
-    throws = rng.integers(0, errors.shape[1], (_DRAWS, len(replay)))
-    return ThrowNull(errors, early[which[:, None], throws].mean(axis=1), plain, spread)
+    throws = rng.integers(0, errors.shape[1], (_DRAWS, errors.shape[1]))
+    return ThrowNull(errors, early[which[:, None], throws].mean(axis=1), plain, spread, replay.numbers(FEW))
 
 
 def closure(before: float, after: float, floor: float) -> float:
@@ -169,7 +171,7 @@ def closure(before: float, after: float, floor: float) -> float:
 def expected_spread(
     replay: ThrowReplay, flights: Sequence[Flight], sets: Sequence[Sequence[Flight]]
 ) -> Callable[[Array], Array]:
-    """Estimate the expected distance as a function of time since the first touch; it never decreases.
+    """Estimate the expected distance as a function of time since the first touch, relative to its mean; it never decreases.
 
     It is the mean distance of the replicates, combined with the error that every model has (`_UNSURE`).
 
@@ -179,7 +181,9 @@ def expected_spread(
         sets: Effect-free sets of throws, as measured.
 
     Returns:
-        Function from the time since the nominal replay's first touch, s, to a distance, m.
+        Function from time since the nominal replay's first touch, s, to the expected distance as a multiple of its mean over
+        the samples of these throws. One such function weights all throws that are compared: were each set of throws divided by
+        its own mean, their distances would have different units.
     """
     rows = [
         np.concatenate(
@@ -194,4 +198,5 @@ def expected_spread(
     means = np.bincount(place, apart, minlength=len(edges) - 1) / np.maximum(counts, 1)
     grown = np.maximum.accumulate(means)
     middle, never = 0.5 * (edges[1:] + edges[:-1]), _UNSURE * replay.radius
-    return lambda time: np.hypot(np.interp(time, middle, grown), never)
+    whole = float(np.hypot(np.interp(since, middle, grown), never).mean())
+    return lambda time: np.hypot(np.interp(time, middle, grown), never) / whole

@@ -49,15 +49,21 @@ class ThrowReplay:
         self._known: dict[tuple[float, ...], list[Flight]] = {}
         self._plain = tuple(body_setup(body).figures.values())
 
+    def numbers(self, count: int) -> Array:
+        """Return the numbers of `count` throws, spread evenly over all: the first ones may be of one kind. int [count]."""
+        count = min(count, len(self))
+        return np.arange(count) * len(self) // count
+
     def part(self, count: int) -> ThrowReplay:
-        """Return the replay of the first `count` throws; its simulations count in `passes`."""
+        """Return the replay of `count` throws, spread evenly over all; its simulations count in `passes`."""
         if count >= len(self):
             return self
         if count not in self._parts:
-            self._parts[count] = ThrowReplay(self.body, self.throws.part(0, count), self.horizon)
+            numbers = self.numbers(count).tolist()
+            self._parts[count] = ThrowReplay(self.body, self.throws.chosen(numbers), self.horizon)
             # All throws together determine the noise better than a few.
             self._parts[count].noise = self.noise
-            self._parts[count].weights = self.weights[:count]
+            self._parts[count].weights = [self.weights[number] for number in numbers]
         return self._parts[count]
 
     @property
@@ -143,12 +149,11 @@ class ThrowReplay:
         A tenth of a millimetre in flight is as significant as a centimetre after the body has tumbled.
 
         Args:
-            spread: Maps time since the nominal replay's first touch, s, to the distance that noise and chaos explain, m.
+            spread: Maps time since the nominal replay's first touch, s, to the distance that noise and chaos explain, as a
+                multiple of its mean over the throws of the null. All throws that are compared need the same function.
         """
         for part in (self, *self._parts.values()):
-            expected = [spread(since) for since in touch_clocks(part)]
-            whole = float(np.concatenate(expected).mean())
-            part.weights = [whole / row for row in expected]
+            part.weights = [1.0 / spread(since) for since in touch_clocks(part)]
 
     def phases(self, effects: Sequence[Applied] = ()) -> dict[str, float]:
         """Return the mean distance in each phase that occurs, m; the first touch is that of the nominal replay."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -76,6 +76,10 @@ class Throws:
     def part(self, first: int, last: int) -> Throws:
         """Return the throws from `first` up to, but without, `last`."""
         return Throws(self.items[first:last], self.digest, self.name)
+
+    def chosen(self, numbers: Sequence[int]) -> Throws:
+        """Return the throws with these numbers, counted from 0."""
+        return Throws(tuple(self.items[number] for number in numbers), self.digest, self.name)
 
     def content_digest(self) -> str:
         """Return the SHA-256 of times and poses."""

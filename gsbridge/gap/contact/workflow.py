@@ -161,7 +161,7 @@ def _logged(throws: Throws, key: str) -> bool:
 
 
 def _map(replay: ThrowReplay, effects: Sequence[Applied] = ()) -> ResidualMap:
-    """Map where the difference to a replay with effects shows, against replicates of the first throws with the same effects."""
+    """Map where the difference to a replay with effects shows, against replicates of a few throws with the same effects."""
     few = replay.part(null.FEW)
     sets, plain = null.replicates(few, effects, np.random.default_rng(0)), few.flights(effects)
     rows = [cells(few, [seen.position - at.position for seen, at in zip(row, plain, strict=True)]) for row in sets]
