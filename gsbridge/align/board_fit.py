@@ -114,10 +114,11 @@ def _robust_similarity(source: Array, target: Array) -> Similarity:
         fit = align_similarity(source[keep].reshape(-1, 3), target[keep].reshape(-1, 3))
         errors = np.sqrt(((fit.apply(source) - target) ** 2).sum(-1).mean(-1))
         limit = max(4.0 * float(np.median(errors)), 1e-4)
-        fresh = errors <= limit
+        # A tag that was left out stays out, or tags near the limit could come and go for ever.
+        fresh = (errors <= limit) & keep
         if fresh.sum() < MIN_TAGS or (fresh == keep).all():
             return fit
-        keep = fresh & keep
+        keep = fresh
 
 
 def _fit_reprojection(seen: _Sightings, layout: Mapping[int, Array], start: Similarity) -> Similarity:
