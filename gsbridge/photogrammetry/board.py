@@ -24,6 +24,10 @@ SHEETS_M = {"a4": (0.297, 0.210), "letter": (0.2794, 0.2159)}
 MIN_TAGS = 3
 """Least number of tags that a photo must show; with fewer, a flat target's pose is poorly determined or ambiguous."""
 
+MIN_PROFILES = 6
+"""Least number of the 24 profiles across a tag's edge that must agree on its place; where they do not, a shadow's edge or
+something else crosses the tag's edge."""
+
 
 @dataclass(frozen=True)
 class Board:
@@ -163,6 +167,8 @@ def refine_corners(light: Array, corners: Array) -> Array | None:
             area = (share[:, 1:] + share[:, :-1]).sum(1) * (inside + outside) / 40
             edge = base + (outside - area)[:, None] * outward
             keep = np.abs(area - np.median(area)) < 0.7
+            if keep.sum() < MIN_PROFILES:
+                return None
             middle = edge[keep].mean(0)
             direction = np.linalg.svd(edge[keep] - middle, full_matrices=False)[2][0]
             normal = np.array([-direction[1], direction[0]])

@@ -1,9 +1,11 @@
 """The board's layout, and the accuracy with which its tags are found."""
 
+import cv2
 import numpy as np
 import pytest
 
 from gsbridge.cameras import Camera, camera_centre, look_at
+from gsbridge.capture.printing import sheet_reflectance
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.images import srgb_from_linear, to_u8
@@ -75,3 +77,21 @@ def test_layout_is_written_as_it_is(tmp_path):
     np.testing.assert_array_equal(found["centres_m"], board.centres)
     with pytest.raises(InputError, match="unknown"):
         standard_board("a3")
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("shift", [-0.0006, -0.0002, 0.0002])
+def test_a_shadow_across_the_middle_of_a_tag_hides_at_most_this_tag(axis, shift):
+    """The rest of the sheet lies in plain light or in plain shadow, a quarter as bright."""
+    board, per_metre = standard_board(), 3000.0
+    sheet = sheet_reflectance(board, per_metre)
+    across = np.arange(sheet.shape[1 - axis]) + 0.5
+    place = board.centres[1] * [1, -1] + np.array(board.size) / 2
+    light = np.where(across < per_metre * (place[axis] + shift), 1.0, 0.25)
+    seen = cv2.GaussianBlur((0.8 * sheet * (light[None] if axis == 0 else light[:, None])).astype(np.float32), (0, 0), 0.7)
+    found = find_tags(to_u8(srgb_from_linear(np.repeat(seen[..., None], 3, axis=2))), board)
+    clear = {tag for tag, centre in enumerate(board.centres) if abs(centre[axis] - board.centres[1][axis]) > board.tag_size}
+    assert clear <= found.keys()
+    for tag in clear:
+        printed = (board.corners()[tag][:, :2] * [1, -1] + np.array(board.size) / 2) * per_metre
+        assert np.abs(found[tag] - printed).max() < 0.1
