@@ -116,6 +116,8 @@ def _carve_slab(
 ) -> None:
     """Quantile of the signed distances for x layers `begin`..`end`; see `carve`. `projections` [V, 3, 4] map to pixels."""
     views = images.shape[0]
+    # 1.0 - 0.9 is a little less than 0.1, and a tenth of ten views would otherwise be none.
+    share += 1e-9
     keep = int(share * views) + 1
     lowest = np.empty(keep + 1, np.float32)
     for i in range(begin, end):

@@ -7,7 +7,7 @@ import trimesh
 from scipy import ndimage
 from table_scene import CENTRE, RADIUS, cameras, trace
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, look_at
 from gsbridge.photogrammetry.carving import (
     Grid,
     Silhouette,
@@ -87,6 +87,19 @@ def test_a_wrong_silhouette_is_outvoted(ball_silhouettes):
     kept = carve(grid, broken, vote=0.93)
     full = carve(grid, ball_silhouettes, vote=1.0)
     assert (kept > 0).sum() >= (full > 0).sum()
+
+
+@pytest.mark.parametrize("percent", [95, 90, 85, 80, 75, 70, 60])
+@pytest.mark.parametrize("count", [5, 10, 20])
+def test_as_many_silhouettes_may_be_wrong_as_the_vote_says(percent, count):
+    """In whole numbers: of `count` views all but a share of `percent` may contradict a point, and not one more."""
+    grid = Grid(np.full(3, -0.01), 0.01, (3, 3, 3))
+    views = [look_at((np.cos(a), np.sin(a), 0.5), np.zeros(3)) for a in np.linspace(0, 2 * np.pi, count, endpoint=False)]
+    allowed = (100 - percent) * count // 100
+    for wrong in (allowed, allowed + 1):
+        outlines = [np.full((120, 160), -5.0 if index < wrong else 20.0, np.float32) for index in range(count)]
+        silhouettes = [Silhouette(outline, CAMERA, view) for outline, view in zip(outlines, views, strict=True)]
+        assert (carve(grid, silhouettes, vote=percent / 100)[1, 1, 1] > 0) == (wrong == allowed)
 
 
 def test_coarse_pass_changes_nothing_near_the_surface(ball_silhouettes):
