@@ -35,7 +35,7 @@ class MeshSettings(Settings):
     """Every n-th pixel of a photo gets a depth."""
     min_score: Number = Field(default=0.5, ge=-1, le=1)
     """Least mean correlation of a depth that counts, -1..1."""
-    min_agree: Whole = Field(default=2, ge=0, le=20)
+    min_agree: Whole = Field(default=2, ge=1, le=20)
     """Number of other depth maps that must agree with a depth."""
     poisson_depth: Whole = Field(default=7, ge=3, le=12)
     """Octree depth of the surface fit."""

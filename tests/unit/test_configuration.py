@@ -131,6 +131,7 @@ def test_broken_yaml_is_told_with_its_line(tmp_path):
         ),
         (("seed",), "one", "seed: 'one' is no integer. The one random seed"),
         (("seed",), -1, "seed: -1 is less than the minimum of 0"),
+        (("mesh",), {"min_agree": 0}, "mesh.min_agree: 0 is less than the minimum of 1"),
         (("spalts",), {}, "config: 'spalts' is no key"),
     ],
 )
