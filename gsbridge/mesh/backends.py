@@ -71,17 +71,19 @@ def write_colmap_workspace(views: Views, masks: Sequence[Array], folder: Path, p
 
     Args:
         views, masks: Photos and masks. [H, W] each.
-        folder: An empty folder; gets `images/`, `sparse/` and `stereo/`.
+        folder: An empty folder; gets `images/` (numbered from 000001.png in the order of the views), `sparse/` and `stereo/`.
         points: Points on the object, m; they tell COLMAP the depth range and OpenMVS the neighbours. [N, 3].
     """
     for name in ("images", "sparse", "stereo/depth_maps", "stereo/normal_maps", "stereo/consistency_graphs"):
         (folder / name).mkdir(parents=True)
+    # In COLMAP's text files a name ends at a blank, so the photos are numbered.
+    names = [f"{number:06d}.png" for number in range(1, len(views) + 1)]
     cameras, images = [], []
     tracks: list[list[tuple[int, int]]] = [[] for _ in points]
-    for number, (view, mask) in enumerate(zip(views, masks, strict=True), start=1):
+    for number, (name, view, mask) in enumerate(zip(names, views, masks, strict=True), start=1):
         photo = read_image_u8(views.path(view))
         grown = cv2.dilate((mask > 0.5).astype(np.uint8), np.ones((9, 9), np.uint8))
-        write_image(folder / "images" / view.name, photo * grown[..., None])
+        write_image(folder / "images" / name, photo * grown[..., None])
         c = view.camera
         cameras.append(f"{number} PINHOLE {c.width} {c.height} {c.fx:.17g} {c.fy:.17g} {c.cx:.17g} {c.cy:.17g}")
         pose = " ".join(repr(float(v)) for v in [*quat_from_rotation(view.cam_from_table[:3, :3]), *view.cam_from_table[:3, 3]])
@@ -92,7 +94,7 @@ def write_colmap_workspace(views: Views, masks: Sequence[Array], folder: Path, p
         for place, point in enumerate(index):
             tracks[point].append((number, place))
         observed = " ".join(f"{pixels[point, 0]:.3f} {pixels[point, 1]:.3f} {point + 1}" for point in index)
-        images.append(f"{number} {pose} {number} {view.name}\n{observed}")
+        images.append(f"{number} {pose} {number} {name}\n{observed}")
     lines = []
     for point, (position, track) in enumerate(zip(points, tracks, strict=True), start=1):
         if track:
@@ -101,7 +103,6 @@ def write_colmap_workspace(views: Views, masks: Sequence[Array], folder: Path, p
     (folder / "sparse" / "cameras.txt").write_text("\n".join(cameras) + "\n", encoding="utf-8")
     (folder / "sparse" / "images.txt").write_text("\n".join(images) + "\n", encoding="utf-8")
     (folder / "sparse" / "points3D.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    names = [view.name for view in views]
     (folder / "stereo" / "patch-match.cfg").write_text("".join(f"{n}\n__auto__, 12\n" for n in names), encoding="utf-8")
     (folder / "stereo" / "fusion.cfg").write_text("".join(f"{n}\n" for n in names), encoding="utf-8")
 

@@ -1,12 +1,14 @@
 """Meshes of a ball whose shape is known from a formula."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
 from table_scene import CENTRE, RADIUS, ball_scene
 
+from gsbridge.cameras import Views
 from gsbridge.errors import InputError, StageError
 from gsbridge.images import write_image
 from gsbridge.mesh import MeshSettings, mesh_object
@@ -230,17 +232,23 @@ def test_backends_that_are_not_there_say_so(monkeypatch):
     assert choose_backend("auto") == choose_backend("openmvs") == "openmvs"
 
 
-def test_workspace_for_outside_programs_is_a_colmap_model(scene, tmp_path):
+@pytest.mark.parametrize("called", ["{}", "IMG {}"])
+def test_workspace_for_outside_programs_is_a_colmap_model(scene, tmp_path, called):
     import pycolmap
 
     points = CENTRE + RADIUS * np.array([[0, 0, 1.0], [0.6, 0, 0.8], [0, -0.6, 0.8]])
-    write_colmap_workspace(scene.views, read_masks(scene.views, scene.masks), tmp_path / "work", points)
+    masks = read_masks(scene.views, scene.masks)
+    photos = Views(tmp_path, tuple(replace(view, name=called.format(view.name)) for view in scene.views))
+    for view, photo in zip(scene.views, photos, strict=True):
+        photos.path(photo).symlink_to(scene.views.path(view).absolute())
+    write_colmap_workspace(photos, masks, tmp_path / "work", points)
     model = pycolmap.Reconstruction(tmp_path / "work" / "sparse")
     assert model.num_reg_images() == len(scene.views)
     assert model.num_points3D() == 3
     by_name = {image.name: image for image in model.images.values()}
-    for view in scene.views:
-        np.testing.assert_allclose(by_name[view.name].projection_center(), view.centre, atol=1e-9)
+    for name, view in zip(sorted(by_name), scene.views, strict=True):
+        np.testing.assert_allclose(by_name[name].projection_center(), view.centre, atol=1e-9)
+        assert (tmp_path / "work" / "images" / name).is_file()
     # pycolmap projects the points onto the observations that were written.
     assert model.compute_mean_reprojection_error() == pytest.approx(0.5) or model.compute_mean_reprojection_error() < 0.01
     model.update_point_3d_errors()
