@@ -14,6 +14,9 @@ from gsbridge.sfm.photos import Photos
 from gsbridge.sfm.tags import MAX_LAYOUT_ERROR, Tags, corner_points, layout_error
 from gsbridge.sfm.undistort import undistort_pixels
 
+MIN_POINTS = 30
+"""Least number of points of a model."""
+
 
 def doubt(model: pycolmap.Reconstruction, raw_tags: Tags, board: Board | None) -> str | None:
     """Why a global model must not be trusted; None when the board's layout confirms it.
@@ -91,7 +94,7 @@ def check(outcome: MappingOutcome, photos: Photos, settings: SfmSettings, stage:
         Reasons why the result is degraded; none if it passes.
 
     Raises:
-        StageError: Too few images registered.
+        StageError: Too few images registered, or they have too few points.
     """
     total = len(photos.names)
     registered: set[str] = set()
@@ -99,9 +102,17 @@ def check(outcome: MappingOutcome, photos: Photos, settings: SfmSettings, stage:
         registered = {outcome.model.image(i).name for i in outcome.model.reg_image_ids()}
     share = len(registered) / total
     text = f"{len(registered)} of {total} images registered ({100 * share:.0f} %)"
-    if share < settings.degraded_share or len(registered) < 3 or outcome.model is None or outcome.model.num_points3D() < 30:
+    if share < settings.degraded_share or len(registered) < 3 or outcome.model is None:
         need = f"{text}, {100 * settings.degraded_share:.0f} % are needed"
         raise StageError(stage, need, advice(photos.names, registered, photos.ordered))
+    points = outcome.model.num_points3D()
+    if points < MIN_POINTS:
+        raise StageError(
+            stage,
+            f"{text}, but only {points} points are found in them, {MIN_POINTS} are needed",
+            "Take sharp photos with more overlap, with a board or a patterned cloth on the table; where poses came with the "
+            "photos, check that each belongs to its photo",
+        )
     if share < settings.pass_share:
         return [f"{text}. {advice(photos.names, registered, photos.ordered)}"]
     return []

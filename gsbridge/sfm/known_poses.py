@@ -24,7 +24,7 @@ from gsbridge.sfm.mapping import (
     map_database,
     rematch,
 )
-from gsbridge.sfm.matching import match
+from gsbridge.sfm.matching import can_be_listed, match
 from gsbridge.sfm.photos import Photos
 
 logger = logging.getLogger("gsbridge")
@@ -172,7 +172,8 @@ def triangulate_known(
             model.add_image_with_trivial_frame(copy, pycolmap.Rigid3d(np.asarray(cam_from_world)[:3]))
     finally:
         database.close()
-    exhaustive = len(photos.names) <= settings.exhaustive_up_to and not photos.ordered
+    few = len(photos.names) <= settings.exhaustive_up_to
+    exhaustive = not photos.ordered and (few or not can_be_listed(photos.names))
     match(database_path, photos, settings, seed, threads, exhaustive=exhaustive)
     out = workspace / "models" / "known"
     out.mkdir(parents=True, exist_ok=True)

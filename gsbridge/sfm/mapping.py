@@ -14,7 +14,7 @@ import pycolmap
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.logs import ProgressLog
 from gsbridge.photogrammetry.colmap import colmap_params
-from gsbridge.sfm.matching import match
+from gsbridge.sfm.matching import can_be_listed, match
 from gsbridge.sfm.numbering import number_images
 from gsbridge.sfm.photos import Photos
 
@@ -61,8 +61,7 @@ def ladder(photos: Photos, settings: SfmSettings) -> list[Attempt]:
     """
     count = len(photos.names)
     if not photos.ordered:
-        # In COLMAP's list of pairs a name ends at a blank, so names with blanks cannot be listed.
-        listed = count >= settings.neighbours_from and not any(" " in name for name in photos.names)
+        listed = count >= settings.neighbours_from and can_be_listed(photos.names)
         near = [Attempt("neighbours", False, False, enough=1.0)] if listed else []
         every = [Attempt("exhaustive", True, False), Attempt("exhaustive, relaxed", True, True)]
         return [*near, *every, Attempt("global", True, False, "global")]

@@ -25,6 +25,11 @@ def ring(names: Sequence[str], overlap: int) -> list[tuple[str, str]]:
     return [(names[a], names[b]) for a, b in sorted((min(pair), max(pair)) for pair in pairs)]
 
 
+def can_be_listed(names: Sequence[str]) -> bool:
+    """Whether pairs of these images can be listed for COLMAP: in its list a name ends at a blank, and `#` begins a remark."""
+    return all(name.split() == [name] and not name.startswith("#") for name in names)
+
+
 def match(database: Path, photos: Photos, settings: SfmSettings, seed: int, threads: int, *, exhaustive: bool) -> None:
     """Match and verify pairs of images; pairs matched before are kept.
 
@@ -34,7 +39,7 @@ def match(database: Path, photos: Photos, settings: SfmSettings, seed: int, thre
         settings: Gives the number of neighbours.
         seed: Random seed.
         threads: Threads to use; matches do not depend on them.
-        exhaustive: Match all pairs instead.
+        exhaustive: Match all pairs instead; photos of an unordered capture whose names cannot be listed need that.
     """
     logger.info("match images, %s", "exhaustive" if exhaustive else f"{settings.overlap} neighbours and powers of two")
     matching = pycolmap.FeatureMatchingOptions()
