@@ -139,14 +139,15 @@ def _read_input(
             f"keyframes have {unlike[0][0]} x {unlike[0][1]} pixels, the calibrated camera {camera.width} x {camera.height}",
             "Give this scene another camera in config.yaml",
         )
-    focals = sorted(
-        {round(focal) for focal in (record.get("focal_prior_px"), *(focal for _, focal in lenses.values())) if focal}
-    )
-    if camera is not None and len(focals) > 1:
+    taken = [lenses.get(name, (0, record.get("focal_prior_px"))) for name in names]
+    if camera is not None and len(set(taken)) > 1:
+        focals = sorted({round(focal) for _, focal in taken if focal})
+        other = next(name for name, lens in zip(names, taken, strict=True) if lens != taken[0])
+        lengths = f", with focal lengths of {focals[0]} to {focals[-1]} px" if len(focals) > 1 else ""
         raise InputError(
             source,
-            f"the EXIF data say focal lengths of {focals[0]} to {focals[-1]} px; the calibrated camera has one",
-            "Leave out the photos of another lens, or give this scene no camera in config.yaml",
+            f"by their EXIF data {names[0]} and {other} come from two lenses{lengths}; the calibrated camera has one",
+            "Leave out the photos of another lens and those without EXIF data, or give this scene no camera in config.yaml",
         )
     return Photos(frames, names, ordered, camera, record.get("focal_prior_px"), size, others, lenses), known
 
