@@ -151,12 +151,18 @@ def _check_shapes(shapes: Sequence[str], scenes: Mapping[str, Mapping[str, Any]]
 def _check_camera(
     name: str, scene: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]], cameras: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    """Refuse a shared camera that is not there, or that cannot have taken the scene."""
+    """Refuse a shared camera that is not there, that cannot have taken the scene, or where the photos have their own."""
     camera = scene["camera"]
     if camera is None:
         return
     if camera not in cameras:
         raise _unknown(f"config: scenes.{name}.camera", camera, cameras)
+    if {"colmap", "nerfstudio"} & scene["source"].keys():
+        raise InputError(
+            f"config: scenes.{name}.camera",
+            f"the photos come with cameras of their own, so '{camera}' would not be used",
+            "Remove it, or give the photos alone: source: {images: FOLDER}",
+        )
     filmed = {("film" in scenes[other]["source"]) for other in cameras[camera]["calibrate_from"] if other in scenes}
     if filmed == {"film" not in scene["source"]}:
         mirror, real = "the mirror's virtual camera", "a real camera"

@@ -75,7 +75,8 @@ class Scene(Settings):
     """How the mirror films it: with the phone held upright, with pictures stored on their side, at one height only, or with
     exposure and white balance left to the camera; null walks round it with the phone level, ever higher, exposure locked."""
     camera: OrNull[str] = None
-    """Name of a shared camera; null calibrates from this capture alone."""
+    """Name of a shared camera; null calibrates from this capture alone. Not for `colmap` and `nerfstudio`, whose photos come
+    with cameras."""
     board: OrNull[Sheet] = None
     """Sheet of the printed board; null where none was laid out."""
     require_scale: Switch = False

@@ -54,6 +54,7 @@ def reconstruct(
         out_tags: Tag corners in undistorted pixels, `tags.json`.
         settings: Limits.
         camera: Calibrated camera of the keyframes, from `calibrate_camera`; None to find it from these photos alone.
+            Photos that come with cameras keep these.
         board: Layout of the board, None where none was laid out.
         workspace: Folder for the database and raw models; emptied first.
         seed: Random seed.
@@ -129,6 +130,8 @@ def _read_input(
         ordered = record["source"]["kind"] in ("video", "film")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(source, f"the record of the keyframes is damaged ({error})", "Delete it and run again") from error
+    if known:
+        camera = None
     missing = [name for name in names if not (frames / name).is_file()]
     if missing:
         raise InputError(frames / missing[0], "a keyframe is missing", "Delete the capture folder of this scene and run again")

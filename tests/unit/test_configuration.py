@@ -180,6 +180,17 @@ def test_the_mirrors_camera_is_no_camera_of_real_captures():
         check_configuration(config)
 
 
+@pytest.mark.parametrize("source", [{"colmap": "mug"}, {"nerfstudio": "mug/transforms.json"}])
+def test_photos_with_cameras_of_their_own_take_no_shared_one(source):
+    mug = {**SCENE, "source": source, "camera": "mine"}
+    config = {**CONFIG, "scenes": {**CONFIG["scenes"], "mug": mug}}
+    config["cameras"] = {**CONFIG["cameras"], "mine": {"calibrate_from": ["mug"], "board": "a4"}}
+    with pytest.raises(InputError, match=r"scenes\.mug\.camera: the photos come with cameras of their own"):
+        check_configuration(config)
+    mug["camera"] = None
+    check_configuration(config)
+
+
 def test_the_table_under_the_board_must_be_the_one_that_the_arm_sees():
     """Colours of another table would be taken for the camera's."""
     mine = {"foam_pad": FOAM_PAD, "desk": {**FOAM_PAD, "source": {"video": "desk.mp4"}, "camera": None}}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import PIL.Image
 import pytest
 
@@ -47,3 +48,14 @@ def test_photos_of_two_lenses_have_two_cameras_where_none_is_named(tmp_path: Pat
 def test_photos_of_one_lens_are_those_of_the_calibrated_camera(tmp_path: Path) -> None:
     photos = read(tmp_path, [WIDE] * 4, CAMERA)
     assert [names for _, _, names in photos.by_camera()] == [["0.png", "1.png", "2.png", "3.png"]]
+
+
+def test_photos_that_come_with_cameras_keep_these(tmp_path: Path) -> None:
+    """And the record, which says whether there is a calibrated camera, must not name another."""
+    own = Camera(64, 48, 70.0, 70.0, 32.0, 24.0)
+    (tmp_path / "0.png").touch()
+    view = {"camera": own.to_json(), "cam_from_world": np.eye(4).tolist()}
+    record = {"frames": [{"name": "0.png"}], "width": 64, "height": 48, "source": {"kind": "colmap"}}
+    photos, known = _read_input({**record, "known_cameras": {"0.png": view}}, tmp_path / "keyframes.json", tmp_path, CAMERA)
+    assert photos.camera is None
+    assert known["0.png"][0] == own
