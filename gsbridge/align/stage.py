@@ -35,7 +35,7 @@ MAX_READING_ERROR = 0.01
 """Largest relative change of the scale by an error of one pixel in the points of a known length."""
 
 MAX_UNIT_MISMATCH = 0.02
-"""Largest relative difference of the board's scale from the stated unit of the poses, or from a known length."""
+"""Largest relative difference of the board's scale from the stated unit of the poses, or of either from a known length."""
 
 MIN_OBJECT_POINTS = 20
 """Least number of points above the table from which the object's longest side is measured."""
@@ -126,15 +126,10 @@ def align_scene(
                 f"the board says {table_from_sfm.scale:.4g} m per unit of the poses, `metres_per_unit` {metres_per_unit:.4g}; "
                 "one of them is wrong, the board is taken"
             )
-        if length is not None and length.between is not None:
-            scale = table_from_sfm.scale
-            unscaled = Similarity(1.0, table_from_sfm.rotation, table_from_sfm.translation / scale)
-            other, unsure = _scale_by_length(length, unscaled, sparse, record, 1.0)
-            if abs(other / scale - 1.0) > MAX_UNIT_MISMATCH + (unsure or 0.0):
-                reasons.append(
-                    f"`known_length` makes lengths {100 * other / scale:.0f} % of what the board makes them; one of them "
-                    "is wrong (was the board printed at 100 %?), the board is taken"
-                )
+        unscaled = Similarity(1.0, table_from_sfm.rotation, table_from_sfm.translation / table_from_sfm.scale)
+        reasons += _contradiction(
+            length, unscaled, sparse, record, table_from_sfm.scale, "the board", " (was the board printed at 100 %?)"
+        )
     else:
         assert plane is not None
         if settings.require_scale and length is None and metres_per_unit is None:
@@ -242,6 +237,7 @@ def _from_plane(
     side, unsure = float(extents.max()), None
     if metres_per_unit is not None:
         scale, source = metres_per_unit, "poses"
+        reasons += _contradiction(length, unscaled, sparse, record, scale, "`metres_per_unit`")
     elif length is not None:
         if length.between is None:
             if measured is not None:
@@ -280,6 +276,27 @@ def _from_plane(
         "object_extent": scale * extents,
     }
     return Similarity(scale, rotation, -scale * rotation @ foot), source, numbers
+
+
+def _contradiction(
+    length: KnownLength | None,
+    unscaled: Similarity,
+    sparse: _Model,
+    record: Mapping[str, Any],
+    scale: float,
+    taken: str,
+    ask: str = "",
+) -> list[str]:
+    """The reason for doubt where a length between two points contradicts the scale that is taken, m per sfm unit; or none."""
+    if length is None or length.between is None:
+        return []
+    other, unsure = _scale_by_length(length, unscaled, sparse, record, 1.0)
+    if abs(other / scale - 1.0) <= MAX_UNIT_MISMATCH + (unsure or 0.0):
+        return []
+    return [
+        f"`known_length` makes lengths {100 * other / scale:.0f} % of what {taken} makes them; one of them is wrong{ask}, "
+        f"{taken} is taken"
+    ]
 
 
 def _scale_by_length(
