@@ -15,7 +15,7 @@ class AlignSection(Settings):
     max_tilt_deg: Number = Field(default=1.0, ge=0, le=90)
     """Angle between the board and the points' plane above which the result is degraded, degrees."""
     max_scale_se: Share = 0.005
-    """Standard error of the scale, as a share of it, above which the result is degraded."""
+    """Standard error of the scale by the board, as a share of it, above which the result is degraded."""
 
 
 class AlignSettings(AlignSection):

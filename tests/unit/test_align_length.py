@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from posed_scene import cloud
-from test_align import AWAY, between, run, write_scene
+from test_align import AWAY, PINHOLE, POSES, between, run, write_scene
+
+from gsbridge.align import AlignSettings
+from gsbridge.align.length import table_point
 
 METRES_PER_UNIT = 1.0 / AWAY.scale
 
@@ -26,3 +30,19 @@ def test_the_longest_side_does_not_check_the_unit_of_the_poses(tmp_path: Path) -
     length = {"metres": 0.6, "object": "longest"}
     record = run(write_scene(tmp_path, cloud()), board=False, known_length=length, metres_per_unit=METRES_PER_UNIT)
     assert record["status"] == "pass"
+
+
+@pytest.mark.parametrize(("half", "status"), [(0.1, "pass"), (0.05, "degraded")])
+@pytest.mark.parametrize("turn", [0.0, 0.8, 1.6])
+def test_two_points_may_leave_the_scale_unsure_by_one_percent(tmp_path: Path, half: float, status: str, turn: float) -> None:
+    """Twice what a board may, by the scatter of lengths read off the photo with an error of a pixel in each coordinate."""
+    ends = half * np.array([[np.cos(turn), np.sin(turn), 0.0], [-np.cos(turn), -np.sin(turn), 0.0]])
+    length = between(2 * half, *((9, *end[:2]) for end in ends))
+    record = run(write_scene(tmp_path, cloud()), board=False, known_length=length)
+    rng = np.random.default_rng(0)
+    read = np.array([pixel[1:] for pixel in length["between"]]) + rng.normal(0, 1, (1000, 2, 2))
+    points = np.array([[table_point(pixel, PINHOLE, POSES[9]) for pixel in pair] for pair in read])
+    scatter = np.std(np.linalg.norm(points[:, 0] - points[:, 1], axis=1)) / (2 * half)
+    assert record["scale_se"] / record["scale"] == pytest.approx(scatter, rel=0.15)
+    assert scatter > AlignSettings().max_scale_se
+    assert record["status"] == status
