@@ -21,7 +21,7 @@ from gsbridge.sfm import gates
 from gsbridge.sfm.known_poses import map_posed_photos
 from gsbridge.sfm.mapping import MappingOutcome, map_photos, rematch
 from gsbridge.sfm.photos import Photos
-from gsbridge.sfm.refine import refine_with_tags
+from gsbridge.sfm.refine import is_planar, refine_with_tags
 from gsbridge.sfm.tags import Tags, corner_points, find_all, layout_error
 from gsbridge.sfm.undistort import pinhole_of, undistort_photos, undistort_pixels, undistorted_model
 
@@ -84,7 +84,8 @@ def reconstruct(
         refinement: dict[str, Any] = {"used": False}
         if settings.tag_refinement and board is not None and not known:
             model, refinement = refine_with_tags(model, raw_tags, board, seed)
-            reasons += _doubts(refinement, camera)
+        if not known:
+            reasons += _doubts(model, refinement, camera)
     _write(
         model,
         outcome,
@@ -100,12 +101,12 @@ def reconstruct(
     )
 
 
-def _doubts(refinement: dict[str, Any], camera: Camera | None) -> list[str]:
-    """Reasons to doubt a model that has a board."""
+def _doubts(model: pycolmap.Reconstruction, refinement: dict[str, Any], camera: Camera | None) -> list[str]:
+    """Reasons to doubt a model: its board's, and a calibration from a flat scene, told by the board or else the model."""
     reasons = []
     if not refinement["used"] and "layout_before" in refinement:
         reasons.append(f"the board does not fit the reconstruction: {refinement['why']}")
-    if refinement.get("flat") and camera is None:
+    if camera is None and (refinement["flat"] if "flat" in refinement else is_planar(model)):
         reasons.append(
             "the camera was calibrated from a flat scene alone, which leaves its focal length and tilt in doubt; "
             "name a `camera` that is calibrated from several captures"
