@@ -229,5 +229,25 @@ def command_grid(record: Record, system: MechanismModel, setup: JointSetup, step
         speed = None if speed is None else hook(speed, step)
         extra = hook(extra, step) if "feedforward" in commands else extra
     if speed is None:
-        speed = np.gradient(target, step, axis=0) if system.controller.velocity_reference == "derivative" else zero
+        every = round(system.physics_rate / system.controller.rate)
+        speed = _speed_of(target, every, step) if system.controller.velocity_reference == "derivative" else zero
     return target, speed, extra
+
+
+def _speed_of(target: Array, every: int, step: float) -> Array:
+    """Compute the speed of a target from its values one control period before and after, which its ends cut short.
+
+    A difference over single steps would not do: a command that is held jumps within one step, and a controller that takes up
+    its speed there would keep it for the whole control period.
+
+    Args:
+        target: Target of each physics step. [K, N].
+        every: Physics steps per control step.
+        step: Time step, s.
+
+    Returns:
+        Its speed at each physics step. [K, N].
+    """
+    rows = np.arange(len(target))
+    behind, ahead = np.maximum(rows - every, 0), np.minimum(rows + every, len(target) - 1)
+    return np.asarray((target[ahead] - target[behind]) / ((ahead - behind) * step)[:, None])

@@ -1,0 +1,78 @@
+"""What the controller of a replay makes of its commands, against controllers and equations that are written out here."""
+
+import numpy as np
+import pytest
+
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism, command_grid
+
+INERTIA, STIFFNESS, DAMPING = 0.05, 60.0, 3.0
+
+URDF = f"""<robot name="table">
+  <link name="base"/>
+  <link name="disc"><inertial><mass value="1"/>
+    <inertia ixx="0.03" iyy="0.03" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="axis" type="continuous"><parent link="base"/><child link="disc"/><axis xyz="0 0 1"/></joint>
+</robot>
+"""
+"""A disc that turns about the vertical, so that its weight does not matter."""
+
+TIME = np.arange(300) / 100
+OMEGA, SWING = 4.0, 0.5
+
+
+def turning(time):
+    """Angle, rad, and speed, rad/s, of a command that starts from rest. [T] -> [T], [T]."""
+    return SWING * (1.0 - np.cos(OMEGA * time)), SWING * OMEGA * np.sin(OMEGA * time)
+
+
+def disc(folder, controller, **model):
+    """The disc under a controller; by default one of position and speed errors."""
+    (folder / "disc.urdf").write_text(URDF)
+    plain = {"mode": "pd", "stiffness": STIFFNESS, "damping": DAMPING}
+    return parse_mechanism_model({"urdf": "disc.urdf", "controller": plain | controller, **model}, folder)
+
+
+def replayed(system, commands, effects=None, start=(0.0, 0.0)):
+    """Positions of the disc in a replay of commands, rad. [T]."""
+    mechanism = Mechanism(system)
+    setup = mechanism.setup()
+    record = Record("disc", TIME, ("axis",), {kind: values[:, None] for kind, values in commands.items()}, {})
+    if effects is not None:
+        effects(setup)
+    states = [(np.array(start[:1]), np.array(start[1:]))]
+    return mechanism.run(record, setup, [(0, len(TIME))], states)["position"][:, 0]
+
+
+def sampled(wanted, speed, rate):
+    """Angles of the disc under a controller that holds its torque for each period, by the parabola that it then runs. [T]."""
+    period, angle, pace, out = 1.0 / rate, 0.0, 0.0, []
+    for target, reference in zip(wanted, speed, strict=True):
+        out.append(angle)
+        turned = (STIFFNESS * (target - angle) + DAMPING * (reference - pace)) / INERTIA
+        angle, pace = angle + period * pace + 0.5 * period**2 * turned, pace + period * turned
+    return np.array(out)
+
+
+@pytest.mark.parametrize("physics", [100, 1000, 4000])
+def test_a_controller_derives_a_held_command_at_its_own_rate(tmp_path, physics):
+    """Between two physics steps the command jumps; what a controller at 100 Hz differentiates is a smooth course."""
+    angle, speed = turning(TIME)
+    controller = {"rate": 100, "between": "hold", "velocity_reference": "derivative"}
+    moved = replayed(disc(tmp_path, controller, physics_rate=physics), {"command": angle})
+    assert np.abs(moved - sampled(angle, speed, 100.0)).max() < 2e-3
+    assert np.abs(moved - sampled(angle, 0.0 * speed, 100.0)).max() > 0.05
+
+
+@pytest.mark.parametrize("between", ["hold", "line"])
+@pytest.mark.parametrize("rate", [1000, 500, 250, 100, 50])
+def test_the_derived_speeds_of_a_controller_add_up_to_the_path_of_its_command(tmp_path, rate, between):
+    system = disc(tmp_path, {"rate": rate, "between": between, "velocity_reference": "derivative"})
+    angle, _ = turning(TIME)
+    record = Record("disc", TIME, ("axis",), {"command": angle[:, None]}, {})
+    target, speed, _ = command_grid(record, system, Mechanism(system).setup(), 2951)
+    path = np.cumsum(speed[:: round(1000 / rate), 0]) / rate
+    # A path lags or leads by half a control period, and by the time for which a command is held.
+    most = SWING * OMEGA * (1.0 / rate + 0.01)
+    assert np.abs(path - target[:: round(1000 / rate), 0]).max() < most
