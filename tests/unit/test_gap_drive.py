@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model
@@ -76,3 +77,23 @@ def test_the_derived_speeds_of_a_controller_add_up_to_the_path_of_its_command(tm
     # A path lags or leads by half a control period, and by the time for which a command is held.
     most = SWING * OMEGA * (1.0 / rate + 0.01)
     assert np.abs(path - target[:: round(1000 / rate), 0]).max() < most
+
+
+TORQUE = 0.8
+
+
+@pytest.mark.parametrize("fastest", [50.0, 2.5, 0.7])
+def test_a_limit_of_speed_leaves_torques_alone(tmp_path, fastest):
+    """A ramp of 2 rad/s with a torque that swings, by the equation of the disc; two of the limits are never reached."""
+    pace, wave = 2.0, 12.0
+    commands = {"command": pace * TIME, "feedforward": TORQUE * np.sin(wave * TIME)}
+
+    def turned(time, state, most):
+        torque = STIFFNESS * (most * time - state[0]) - DAMPING * state[1] + TORQUE * np.sin(wave * time)
+        return [state[1], torque / INERTIA]
+
+    system = disc(tmp_path, {"between": "line", "rate": 4000}, physics_rate=4000)
+    moved = replayed(system, commands, lambda setup: setup.limit_commands(0, 1.0 / fastest))
+    true = solve_ivp(turned, TIME[[0, -1]], [0.0, 0.0], t_eval=TIME, args=(min(pace, fastest),), rtol=1e-9, atol=1e-12).y[0]
+    assert np.abs(moved - true).max() < 5e-4
+    assert np.ptp(true - min(pace, fastest) * TIME) > 0.01

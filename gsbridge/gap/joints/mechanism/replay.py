@@ -223,11 +223,9 @@ def command_grid(record: Record, system: MechanismModel, setup: JointSetup, step
             commands[kind] = np.stack([np.interp(grid, time, column) for column in values.T], axis=1)
         else:
             commands[kind] = values[rows]
-    target, speed, extra = commands["command"], commands.get("command_velocity"), commands.get("feedforward", zero)
     for hook in setup.commands:
-        target = hook(target, step)
-        speed = None if speed is None else hook(speed, step)
-        extra = hook(extra, step) if "feedforward" in commands else extra
+        commands = {kind: hook(values, step, kind) for kind, values in commands.items()}
+    target, speed, extra = commands["command"], commands.get("command_velocity"), commands.get("feedforward", zero)
     if speed is None:
         every = round(system.physics_rate / system.controller.rate)
         speed = _speed_of(target, every, step) if system.controller.velocity_reference == "derivative" else zero

@@ -15,8 +15,9 @@ from gsbridge.gap.joints.mechanism.joint_steps import follow
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
-CommandFilter = Callable[[Array, float], Array]
-"""Function that turns commands on the grid of the physics [K, N], with its step in s, into those that reach the controller."""
+CommandFilter = Callable[[Array, float, str], Array]
+"""Function that turns commands on the grid of the physics [K, N], with its step in s and their kind (a key of
+`gsbridge.gap.formats.records.COMMANDS`), into those that reach the controller."""
 
 Output = Callable[[Array, dict[str, Array]], dict[str, Array]]
 """Function that turns times [K], s, and channels, each [K, N], into the channels as they are logged, each [K, N]."""
@@ -70,16 +71,21 @@ class JointSetup:
 
     def delay_commands(self, seconds: float) -> None:
         """Delay the commands on their way to the controller by a time in s."""
-        self.commands.append(lambda commands, step: delayed(commands, seconds, step))
+        self.commands.append(lambda commands, step, _: delayed(commands, seconds, step))
 
     def smooth_commands(self, seconds: float) -> None:
         """Put a filter of first order before the controller; `seconds` is its time constant, s."""
-        self.commands.append(lambda commands, step: smoothed(commands, seconds, step))
+        self.commands.append(lambda commands, step, _: smoothed(commands, seconds, step))
 
     def limit_commands(self, joint: int, slowness: float) -> None:
-        """Limit how fast the command of one joint may change; `slowness` is one over the largest speed, s/rad or s/m."""
+        """Limit how fast the command of one joint may change; `slowness` is one over the largest speed, s/rad or s/m.
 
-        def limit(commands: Array, step: float) -> Array:
+        Torques are no motion and pass.
+        """
+
+        def limit(commands: Array, step: float, kind: str) -> Array:
+            if kind == "feedforward":
+                return commands
             out = commands.copy()
             out[:, joint] = follow(commands[:, joint].copy(), step / slowness)
             return out
