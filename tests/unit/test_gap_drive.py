@@ -97,3 +97,25 @@ def test_a_limit_of_speed_leaves_torques_alone(tmp_path, fastest):
     true = solve_ivp(turned, TIME[[0, -1]], [0.0, 0.0], t_eval=TIME, args=(min(pace, fastest),), rtol=1e-9, atol=1e-12).y[0]
     assert np.abs(moved - true).max() < 5e-4
     assert np.ptp(true - min(pace, fastest) * TIME) > 0.01
+
+
+@pytest.mark.parametrize("rotor", [0.0, 0.4])
+@pytest.mark.parametrize("more", [0.0, 0.03])
+def test_a_servo_has_its_bandwidth_whatever_rotors_the_model_states(tmp_path, rotor, more):
+    """After a step, a servo with the natural frequency w and critical damping runs as 1 - (1 + w t) exp(-w t).
+
+    A rotor's inertia that only the mechanism has makes it slower, by the equation of the disc.
+    """
+    bandwidth, step = 5.0, 0.3
+    system = disc(tmp_path, {"mode": "position", "bandwidth": bandwidth, "rate": 4000}, armature=rotor, physics_rate=4000)
+    commands = {"command": np.full(len(TIME), step)}
+    moved = replayed(system, commands, lambda setup: setup.law["armature"].__setitem__(0, rotor + more))
+    share, pace = (INERTIA + rotor) / (INERTIA + rotor + more), 2 * np.pi * bandwidth
+
+    def turned(_, state):
+        return [state[1], share * (pace**2 * (step - state[0]) - 2 * pace * state[1])]
+
+    true = solve_ivp(turned, TIME[[0, -1]], [0.0, 0.0], t_eval=TIME, rtol=1e-9, atol=1e-12).y[0]
+    assert np.abs(moved - true).max() < 2e-3
+    if not more:
+        np.testing.assert_allclose(true, step * (1.0 - (1.0 + pace * TIME) * np.exp(-pace * TIME)), atol=1e-8)

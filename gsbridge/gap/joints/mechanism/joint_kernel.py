@@ -83,6 +83,7 @@ def simulate(
     gravity: Array,
     brain_bodies: Array,
     brain_gravity: Array,
+    brain_armature: Array,
     law: Array,
     tip: int,
     tool: Array,
@@ -106,7 +107,8 @@ def simulate(
         parents, fixed, axes, slides, bodies: The tree as it is; joints in its order, as in `dynamics.place` and
             `dynamics.spread`. [N], [N, 4, 4], [N, 3], [N] bool, [N, 13].
         gravity: Gravity as it acts, base frame, m/s2. [3].
-        brain_bodies, brain_gravity: Bodies and gravity as the controller's model has them. [N, 13], m/s2 [3].
+        brain_bodies, brain_gravity, brain_armature: Bodies, gravity and inertia of the rotors as the controller's model has
+            them. [N, 13], m/s2 [3], kg m2 [N].
         law: Figures of the joints. [len(LAW), N].
         tip: Joint that moves the tool; -1 if there is none.
         tool: Place of the tool in that joint's frame, m. [3].
@@ -192,6 +194,8 @@ def simulate(
                     spread(slides, brain_bodies, a, b, c, screws, loads)
                     bias(parents, screws, loads, brain_gravity, seen_v, work, brain_hold)
                     inertia(parents, screws, loads, brain_matrix)
+                    for i in range(count):
+                        brain_matrix[i, i] += brain_armature[i]
                 else:
                     weights(parents, slides, brain_bodies, brain_gravity, a, b, c, work, brain_hold)
             if mode == 2:

@@ -108,9 +108,9 @@ class Mechanism:
             raw = np.full((4, length, count), np.nan)
             q, v = true_state(setup, q, v)
             simulate(
-                chain.parents, chain.fixed, chain.axes, chain.slides, bodies, setup.gravity, self._brain, system.gravity, law,
-                self.tip, self.toe, surface, MODE[system.controller.mode], 2 * np.pi * system.controller.bandwidth,
-                wanted[0][begin:], wanted[1][begin:], wanted[2][begin:],
+                chain.parents, chain.fixed, chain.axes, chain.slides, bodies, setup.gravity, self._brain, system.gravity,
+                system.armature[order], law, self.tip, self.toe, surface, MODE[system.controller.mode],
+                2 * np.pi * system.controller.bandwidth, wanted[0][begin:], wanted[1][begin:], wanted[2][begin:],
                 q[order], v[order], float(record.time[first]), step, every, system.centred, raw,
             )  # fmt: skip
             channels: dict[str, Array] = {}
