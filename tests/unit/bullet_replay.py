@@ -55,7 +55,7 @@ def run_in_bullet(
                 for number in range(length):
                     q, v = np.array([item[:2] for item in world.getJointStates(body, columns)]).T
                     if number % every == 0:
-                        asked = target[begin + number]
+                        asked = target[begin + number] + extra[begin + number]
                         if driven:
                             asked = law["stiffness"] * (asked - q) + law["damping"] * (speed[begin + number] - v)
                             weight = brain.calculateInverseDynamics(brain_body, q.tolist(), [0.0] * count, [0.0] * count)

@@ -119,3 +119,25 @@ def test_a_servo_has_its_bandwidth_whatever_rotors_the_model_states(tmp_path, ro
     assert np.abs(moved - true).max() < 2e-3
     if not more:
         np.testing.assert_allclose(true, step * (1.0 - (1.0 + pace * TIME) * np.exp(-pace * TIME)), atol=1e-8)
+
+
+@pytest.mark.parametrize("mode", ["torque", "pd", "position"])
+def test_a_torque_that_is_fed_forward_acts_in_every_driven_mode(tmp_path, mode):
+    """Beside the torque of the mode, by the equation of the disc."""
+    wave, pace = 5.0, 2 * np.pi * 2.0
+    sent = 0.1 if mode == "torque" else 0.4
+
+    def turned(time, state):
+        error, speed = sent - state[0], state[1]
+        laws = {
+            "torque": sent,
+            "pd": STIFFNESS * error - DAMPING * speed,
+            "position": INERTIA * (pace**2 * error - 2 * pace * speed),
+        }
+        return [speed, (laws[mode] + TORQUE * np.sin(wave * time)) / INERTIA]
+
+    controller = {"mode": mode, "bandwidth": 2.0, "between": "line", "rate": 4000}
+    commands = {"command": np.full(len(TIME), sent), "feedforward": TORQUE * np.sin(wave * TIME)}
+    moved = replayed(disc(tmp_path, controller, physics_rate=4000), commands)
+    true = solve_ivp(turned, TIME[[0, -1]], [0.0, 0.0], t_eval=TIME, rtol=1e-9, atol=1e-12).y[0]
+    assert np.abs(moved - true).max() < 2e-3 * np.abs(true).max()

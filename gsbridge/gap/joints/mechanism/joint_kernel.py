@@ -207,11 +207,11 @@ def simulate(
                     wanted = law[_STIFF, i] * (target[number, i] - seen_q[i]) + law[_DAMP, i] * (speed[number, i] - seen_v[i])
                     wanted += extra[number, i] + (law[_SHARE, i] * brain_hold[i] if weighs else 0.0)
                 elif mode == 2:
-                    wanted = brain_hold[i]
+                    wanted = brain_hold[i] + extra[number, i]
                     for j in range(count):
                         wanted += brain_matrix[i, j] * pull[j]
                 else:
-                    wanted = target[number, i]
+                    wanted = target[number, i] + extra[number, i]
                 asked[i] = min(max(wanted, -law[_LIMIT, i]), law[_LIMIT, i])
         for i in range(count):
             out[0, number, i], out[1, number, i], out[2, number, i] = seen_q[i], seen_v[i], asked[i]
