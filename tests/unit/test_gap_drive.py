@@ -141,3 +141,21 @@ def test_a_torque_that_is_fed_forward_acts_in_every_driven_mode(tmp_path, mode):
     moved = replayed(disc(tmp_path, controller, physics_rate=4000), commands)
     true = solve_ivp(turned, TIME[[0, -1]], [0.0, 0.0], t_eval=TIME, rtol=1e-9, atol=1e-12).y[0]
     assert np.abs(moved - true).max() < 2e-3 * np.abs(true).max()
+
+
+@pytest.mark.parametrize("pace", [500.0, 1500.0])
+def test_a_joint_may_turn_on_and_on(tmp_path, pace):
+    """Nothing brakes a disc: it follows a steady command exactly, and turns on by itself without a motor."""
+    controller = {"between": "line", "velocity_reference": "derivative"}
+    driven = replayed(disc(tmp_path, controller), {"command": pace * TIME}, start=(0.0, pace))
+    free = replayed(disc(tmp_path, {"mode": "free"}), {}, start=(0.0, pace))
+    np.testing.assert_allclose(driven, pace * TIME, atol=1e-3)
+    np.testing.assert_allclose(free, pace * TIME, atol=1e-6)
+
+
+@pytest.mark.parametrize("pace", [0.1, 500.0])
+def test_a_loop_that_its_period_makes_unstable_runs_away(tmp_path, pace):
+    """Damping times period beyond twice the inertia turns a speed round and makes it larger in each period."""
+    controller = {"between": "line", "damping": 2.5 * INERTIA / 1e-3, "velocity_reference": "derivative"}
+    moved = replayed(disc(tmp_path, controller), {"command": pace * TIME})
+    assert np.isnan(moved[-1])

@@ -99,6 +99,8 @@ def simulate(
     step: float,
     every: int,
     centred: bool,
+    farthest: float,
+    fastest: float,
     out: Array,
 ) -> int:
     """Step a mechanism under its controller.
@@ -122,6 +124,7 @@ def simulate(
         every: Physics steps per control step.
         centred: Whether positions move with the mean of a step's two speeds, as under a constant torque, or with the new speed,
             as in game engines.
+        farthest, fastest: Distance from zero and speed of a joint from which on the motion counts as diverged, SI units.
         out: Result: measured position and speed, torque that the controller asks for, and true position of the link, SI units.
             [4, K, N].
 
@@ -153,7 +156,7 @@ def simulate(
     ring = np.zeros((slots, count))
     for number in range(length):
         for i in range(count):
-            if not (abs(v[i]) < 1e3 and abs(q[i]) < 1e3):
+            if not (abs(v[i]) < fastest and abs(q[i]) < farthest):
                 return number
         place(parents, fixed, axes, slides, q, turn, origin, axis)
         spread(slides, bodies, turn, origin, axis, screws, loads)

@@ -33,6 +33,10 @@ keep within it, for gaps to count as lost commands."""
 _LOST = 0.1
 """Share of a log's steps from which on gaps belong to the way of logging and are not lost commands."""
 
+_FAR, _TIMES = 1e3, 10.0
+"""Distance from zero, rad or m, and speed, rad/s or m/s, up to which no motion counts as diverged; and the multiple of what the
+record commands or begins with, if that is more."""
+
 Span = tuple[int, int]
 """First sample of a stretch of a record, and the one behind its last."""
 
@@ -102,6 +106,7 @@ class Mechanism:
         up = up_of(system.gravity)
         surface = np.concatenate([up, setup.surface if up.any() else np.zeros(2)])
         every = round(system.physics_rate / system.controller.rate)
+        farthest, fastest = _bounds(record, system, spans, states)
         for (first, end), (q, v) in zip(spans, states, strict=True):
             begin = int(round(record.time[first] / step))
             length = min(int(np.ceil((record.time[end - 1] - record.time[first]) / step)) + 2, steps - begin)
@@ -111,7 +116,8 @@ class Mechanism:
                 chain.parents, chain.fixed, chain.axes, chain.slides, bodies, setup.gravity, self._brain, system.gravity,
                 system.armature[order], law, self.tip, self.toe, surface, MODE[system.controller.mode],
                 2 * np.pi * system.controller.bandwidth, wanted[0][begin:], wanted[1][begin:], wanted[2][begin:],
-                q[order], v[order], float(record.time[first]), step, every, system.centred, raw,
+                q[order], v[order], float(record.time[first]), step, every, system.centred,
+                farthest, fastest, raw,
             )  # fmt: skip
             channels: dict[str, Array] = {}
             for kind, values in zip(("position", "velocity", "effort"), raw[:3], strict=True):
@@ -150,6 +156,30 @@ def true_state(setup: JointSetup, q: Array, v: Array) -> State:
     scale = 1.0 + law["encoder_scale"]
     q = (q - law["encoder_offset"]) / scale
     return q - law["eccentric_sine"] * np.sin(q) - law["eccentric_cosine"] * np.cos(q), v / scale
+
+
+def _bounds(record: Record, system: MechanismModel, spans: Sequence[Span], states: Sequence[State]) -> tuple[float, float]:
+    """Choose the distance from zero and the speed from which on a replay counts as diverged.
+
+    A joint that turns on and on gets far, and a spindle is fast, so that both follow the commands and the states at the start.
+
+    Args:
+        record: Commands and times.
+        system: Model of the mechanism.
+        spans: Stretches that are replayed.
+        states: State of the joints at the start of each stretch.
+
+    Returns:
+        Distance, rad or m, and speed, rad/s or m/s.
+    """
+    far, fast = (max(float(np.abs(values).max()) for values in kind) for kind in zip(*states, strict=True))
+    if system.controller.closed_loop:
+        command = record.commands["command"]
+        far = max(far, float(np.abs(command).max()))
+        fast = max(fast, float(np.abs(np.diff(command, axis=0) / np.diff(record.time)[:, None]).max(initial=0.0)))
+    else:
+        far += fast * max(float(record.time[end - 1] - record.time[first]) for first, end in spans)
+    return max(_FAR, _TIMES * far), max(_FAR, _TIMES * fast)
 
 
 def with_lost_commands(record: Record) -> tuple[Array, Mapping[str, Array]]:
