@@ -272,11 +272,15 @@ class JointResiduals:
         return out, behind & ~out
 
     def memory(self, joint: int) -> int:
-        """Count the samples after which a displaced start of a joint has decayed to 1/e in the nominal replay; all if never."""
+        """Count the samples after which a displaced start of a joint stays below 1/e in the nominal replay; all if never.
+
+        A joint with weak damping swings through zero long before it has forgotten where it began.
+        """
         first, end = self.spans[0]
         moved = np.abs(self.frame.nudges[joint][first:end, KINDS.index("position"), joint])
-        fallen = np.flatnonzero(moved < _FORGOTTEN * moved[0])
-        return int(fallen[0]) if len(fallen) else end - first
+        # A start displaced by a replay that diverged is not-a-number: it never decays.
+        above = np.flatnonzero(~(moved < _FORGOTTEN * moved[0]))
+        return int(above[-1]) + 1
 
     def tolerance(self) -> Array:
         """Compute the size of slow deviations that need no explanation, in units of the noise. [C].
