@@ -150,7 +150,7 @@ class ArmSetup:
             "shaped": np.zeros((2, count + 1)),
             "started": np.zeros(2, dtype=np.int64),
             "filtered": np.zeros((_FILTERS, 2, 2, count)),
-            "followed": np.zeros((2, count)),
+            "followed": np.zeros(count),
             "asked": np.zeros((_SLOTS, count)),
             "lagged": np.zeros(count),
             "rubs": np.zeros(count),
@@ -176,7 +176,12 @@ def sense(a: np.record, measured: Array) -> None:
 
 @njit(nogil=True)
 def shape_commands(a: np.record, step: float) -> None:
-    """Pass the arm's set points through filters and rate limits. a.shaped [2, N + 1] is changed; step in s."""
+    """Pass the arm's set points, positions and speeds, through filters and limit how fast they move.
+
+    Args:
+        a: Record of the arm; `shaped` [2, N + 1] is changed.
+        step: Step of time, s.
+    """
     shaped, filters, filtered, followed = a.shaped, a.filters, a.filtered, a.followed
     count = a.figures.shape[1]
     first = a.started[0] == 0
@@ -194,11 +199,15 @@ def shape_commands(a: np.record, step: float) -> None:
                     new = keep * filtered[k, 1, kind, i] + (1.0 - old) * value + (old - keep) * filtered[k, 0, kind, i]
                     filtered[k, 0, kind, i], filtered[k, 1, kind, i] = value, new
                     value = new
-            if a.figures[_SLOWNESS, i] > 0.0:
-                most = step / a.figures[_SLOWNESS, i]
+            slowness = a.figures[_SLOWNESS, i]
+            if slowness > 0.0 and kind == 0:
+                most = step / slowness
                 if not first:
-                    value = followed[kind, i] + min(max(value - followed[kind, i], -most), most)
-                followed[kind, i] = value
+                    value = followed[i] + min(max(value - followed[i], -most), most)
+                followed[i] = value
+            elif slowness > 0.0:
+                # The speed that is fed forward is itself no faster than the limit; how fast it changes is not limited.
+                value = min(max(value, -1.0 / slowness), 1.0 / slowness)
             shaped[kind, i] = value
 
 
