@@ -203,7 +203,7 @@ class PickEnvironment(gymnasium.Env):
         self.world.reset(self.start_pose, episode_seed)
         self.eye.begin(episode_seed)
         state = self.world.state()
-        self._reached = Reached.of_state(state)
+        self._reached = self._measure(state)
         begin(self.target, self._reached)
         self._progress, self._steps = Progress.start(1), 0
         self._progress, outcome = judge(state, self._progress, self.rules)
@@ -222,7 +222,7 @@ class PickEnvironment(gymnasium.Env):
         self.world.step()
         self._steps += 1
         state = self.world.state()
-        self._reached = Reached.of_state(state).after(self._reached)
+        self._reached = self._measure(state).after(self._reached)
         self._progress, outcome = judge(state, self._progress, self.rules)
         finite = bool(state.finite()[0])
         terminated = bool(outcome.success_tolerant[0]) or not finite
@@ -273,6 +273,12 @@ class PickEnvironment(gymnasium.Env):
                 raise InputError("reset options: index", f"{index!r} is out of range", f"Give 0 to {len(poses) - 1}")
             return poses[index].copy()
         return drawn
+
+    def _measure(self, state: State) -> Reached:
+        """What the arm measures of itself: the true tool pose of the state, unless the world's encoders report another one."""
+        measured = getattr(self.world, "measured_tool", None)
+        pose = None if measured is None else measured()
+        return Reached.of_state(state) if pose is None else Reached.of_pose(pose, float(state.aperture[0]))
 
     def _observe(self) -> dict[str, Array]:
         """The observation of the state just reached."""

@@ -40,6 +40,9 @@ _FIGURES = MappingProxyType(
 """Rows of the parameters that only effects change. Without such an effect they are zero, but for `stribeck_speed` and
 `ripple_waves`, which are one."""
 
+ENCODER = ("encoder_offset", "encoder_scale", "eccentric_sine", "eccentric_cosine")
+"""Rows that make the encoders report other angles than the true ones."""
+
 _FILTERS = 4
 """Largest number of filters in series on the commands."""
 

@@ -12,7 +12,7 @@ from gsbridge.robot.assembly import RobotFiles
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.links import Joint
 from gsbridge.robot.urdf import read_description
-from gsbridge.sim.arm_setup import ArmSetup, sense
+from gsbridge.sim.arm_setup import ENCODER, ArmSetup, sense
 from gsbridge.sim.dynamics import joint_torques, link_poses, packed, plan_period, work_space
 from gsbridge.sim.model import Model
 
@@ -53,6 +53,9 @@ class Controller:
         kinematics: Kinematics of the arm.
         model: The simulation model.
         gravity: Acceleration in the base frame, m/s2. [3].
+
+    Attributes:
+        misread: Whether an effect of the model makes the encoders report other angles than the true ones.
     """
 
     def __init__(self, robot: RobotFiles, kinematics: Kinematics, model: Model, gravity: Array) -> None:
@@ -96,6 +99,7 @@ class Controller:
         # Not in the record, since its length depends on the delay: the kernels would be compiled anew for every other delay.
         self._ring = np.zeros((round(setup.delay / model.time_step) + 1, 2, width))
         self._plan, self._substeps = self._arm["plan"][0], model.substeps
+        self.misread = any(setup.law[name].any() for name in ENCODER)
         self.torques = np.zeros((2, width))
         self.reset(kinematics.rest, self.dimensions.stroke)
 

@@ -191,6 +191,13 @@ class SimWorld:
         angles, speeds = self.controller.sense(self._measured)
         return angles.copy(), speeds.copy(), self.controller.torques[1].copy()
 
+    def measured_tool(self) -> Array | None:
+        """Return `table_from_tool` by the angles that the encoders report, [4, 4]; None where these are the true ones."""
+        if not self.controller.misread:
+            return None
+        poses = self.controller.place_links(self.controller.sense(self._measured), self.table_from_base)
+        return np.array(poses[self._node[self.kinematics.tip]])
+
     def body_poses(self) -> dict[str, Array]:
         """Poses of the object and of the robot's links; see the protocol."""
         return {"object": self._object.copy(), **dict(zip(self._links, self._poses.copy(), strict=True))}

@@ -5,15 +5,18 @@ import pytest
 from environment_fixture import GRIP
 from gymnasium.utils.env_checker import check_env
 from robot_fixture import robot
-from sim_fixture import EDGE, hull, model, world
+from sim_fixture import EDGE, content, cube, hull, model, world
 
 from gsbridge.environment.controllers import GraspController, PlaceController
 from gsbridge.environment.env import PickEnvironment, state_of
 from gsbridge.environment.mesh_renderer import MeshRenderer
+from gsbridge.environment.proprioception import Reached, proprioception
 from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.robot_splats import link_meshes
 from gsbridge.environment.settings import EnvironmentSettings, Plate
 from gsbridge.meshes import Mesh
+from gsbridge.sim.model import parse_model
+from gsbridge.sim.world import SimWorld
 
 FLAT = Plate(0.02, 0.285, 0.0)
 """A plate that is only painted on the table."""
@@ -83,3 +86,54 @@ def test_controller_places(sim, index):
     env = environment(sim, task="pick_and_place", plate=FLAT)
     _, info = play(env, PlaceController(GRIP, task=env.rules), index)
     assert info["success"], info["failure"]
+
+
+class Plain:
+    """Pictures of nothing."""
+
+    camera = wrist_camera(64)
+
+    def render(self, body_poses, pose):
+        return np.zeros((64, 64, 3), np.uint8)
+
+
+ENCODERS = (
+    {"name": "encoder_offset", "joint": "lbr_iiwa_joint_2", "parameters": {"angle": 0.02}},
+    {"name": "encoder_scale", "joint": "lbr_iiwa_joint_4", "parameters": {"change": 0.01}},
+    {"name": "eccentricity", "joint": "lbr_iiwa_joint_1", "parameters": {"sine": 0.01, "cosine": -0.005}},
+)
+
+
+def steps_of(effects):
+    """Observed `proprio`, the one by the measured joints, and the one by the true state, in each of some steps."""
+    rows = []
+    with SimWorld(robot(), cube(), parse_model({**content(), "effects": list(effects)})) as sim:
+        env = PickEnvironment(sim, EnvironmentSettings(image_size=64), Plain())
+        observation, info = env.reset(seed=1)
+        before = None
+        for number in range(8):
+            if number:
+                observation, *_, info = env.step(np.array([1.0, -0.5, -0.3, 0.4, -0.2]))
+            pose = sim.table_from_base @ sim.kinematics.fk(sim.joints()[0], ["tool"])["tool"]
+            opening = float(state_of(info).aperture[0])
+            by_joints = Reached.of_pose(pose, opening).after(before)
+            by_state = Reached.of_state(state_of(info)).after(before)
+            before = by_joints
+            rows.append([observation["proprio"], *(proprioception(env.target, found) for found in (by_joints, by_state))])
+    return np.moveaxis(np.array(rows), 1, 0)
+
+
+@pytest.mark.parametrize("effect", ENCODERS, ids=lambda effect: effect["name"])
+def test_a_policy_feels_what_the_encoders_report(effect):
+    """As an arm does, whose tool pose is computed from its joints: here by the kinematics of `run-policy`."""
+    found, by_joints, by_state = steps_of([effect])
+    np.testing.assert_allclose(found, by_joints, atol=1e-5)
+    # In units of half the workspace, 17 cm.
+    assert np.abs(found - by_state)[:, :3].max() > 0.005
+
+
+@pytest.mark.parametrize("effects", [(), ({"name": "lag", "parameters": {"time": 0.02}},)])
+def test_without_effects_on_encoders_a_policy_feels_the_true_state_bit_by_bit(effects):
+    found, by_joints, by_state = steps_of(effects)
+    np.testing.assert_array_equal(found, by_state)
+    np.testing.assert_allclose(found, by_joints, atol=1e-5)
