@@ -10,6 +10,7 @@ from pathlib import Path
 from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.biased import BiasedController
 from gsbridge.environment.build import StageFiles, build_controller, build_environment, environment_makers
+from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_stage
@@ -17,7 +18,7 @@ from gsbridge.policy.curve import PARTS, Row
 from gsbridge.policy.observation import Controller
 from gsbridge.policy.onnx import export_onnx
 from gsbridge.policy.trainer import Trainer, Training
-from gsbridge.sim.model import read_model
+from gsbridge.sim.world import SimWorld
 
 ENOUGH = 0.95
 """Success rate at which a policy counts as trained, for the figure of CPU seconds until then."""
@@ -59,8 +60,7 @@ def train_policy(
     """
     environment = build_environment(files, environment_settings, litter=settings.litter)
     try:
-        model = read_model(files.model)
-        delay = 0.0 if unchanged_teacher else model.arm.delay * model.timing.control_hz
+        delay = 0.0 if unchanged_teacher else command_delay(environment)
         controller: Controller = build_controller(files.item, environment_settings, delay=delay)
         if any(controller_offset):
             controller = BiasedController(controller, controller_offset)
@@ -100,6 +100,16 @@ def train_policy(
     )
     shutil.rmtree(state, ignore_errors=True)
     return training
+
+
+def command_delay(environment: PickEnvironment) -> float:
+    """Return by how many control periods commands act late in an environment on the simulated world, for the teacher's gain.
+
+    It is the model's `arm.delay` and what effects of the model, such as `command_delay` and `lag`, add to it.
+    """
+    world = environment.world
+    assert isinstance(world, SimWorld)
+    return world.controller.setup.latency * world.model.timing.control_hz
 
 
 def cpu_seconds_to(rows: list[Row], success: float) -> float | None:

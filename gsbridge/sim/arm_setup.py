@@ -96,6 +96,15 @@ class ArmSetup:
         """Delay the commands to arm and gripper by some more seconds."""
         self.delay += seconds
 
+    @property
+    def latency(self) -> float:
+        """Time by which a steadily moving command acts late, s: its dead time and the time constants of its filters.
+
+        Dead time and lag of the drives' torque are not part of it: they lie inside the control loop, which feeds the command's
+        speed forward, so that a steady motion is not later for them.
+        """
+        return self.delay + sum(self.filters)
+
     def smooth_commands(self, seconds: float) -> None:
         """Put a filter of first order before the controller; `seconds` is its time constant."""
         if seconds > 0.0:

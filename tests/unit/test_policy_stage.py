@@ -4,11 +4,18 @@ import json
 from dataclasses import replace
 
 import pytest
+from robot_fixture import robot
+from sim_fixture import content, cube
 
 from gsbridge.environment.build import StageFiles
+from gsbridge.environment.env import PickEnvironment
+from gsbridge.environment.rendering import BlankRenderer
+from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
 from gsbridge.policy.curve import PARTS
-from gsbridge.policy.stage import cpu_seconds_to, files_digest
+from gsbridge.policy.stage import command_delay, cpu_seconds_to, files_digest
+from gsbridge.sim.model import parse_model
+from gsbridge.sim.world import SimWorld
 
 
 def files(folder):
@@ -48,3 +55,13 @@ def test_time_until_it_is_good_enough_leaves_evaluations_out():
     assert cpu_seconds_to(rows, 0.95) == 2 * 111.0
     assert cpu_seconds_to(rows, 0.99) == 4 * 111.0
     assert cpu_seconds_to(rows[:1], 0.95) is None
+
+
+@pytest.mark.parametrize(("delay", "effects", "periods"), [(0.0, {}, 0.0), (0.05, {"lag": 0.1, "command_delay": 0.025}, 3.5)])
+def test_the_teacher_reckons_with_every_delay_that_the_model_states(delay, effects, periods):
+    values = content()
+    values["arm"]["delay"] = delay
+    values["effects"] = [{"name": name, "parameters": {"time": time}} for name, time in effects.items()]
+    settings = EnvironmentSettings(image_size=64)
+    with SimWorld(robot(), cube(), parse_model(values)) as sim:
+        assert command_delay(PickEnvironment(sim, settings, BlankRenderer(64))) == pytest.approx(periods)

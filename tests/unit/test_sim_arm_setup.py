@@ -65,3 +65,32 @@ def test_a_speed_limit_holds_position_and_speed_of_the_set_point(fastest):
     # The other joints have no limit.
     np.testing.assert_array_equal(found[:, 0, 1], wanted)
     np.testing.assert_array_equal(found[:, 1, 1], speeds)
+
+
+def steady(*effects: dict, **changes) -> tuple[float, float]:
+    """Place of the tool along x in the midst of a steady motion, m, and the latency that the arm's set-up states, s."""
+    values = content()
+    values["arm"] |= changes
+    with SimWorld(robot(), cube(), parse_model({**values, "effects": list(effects)})) as sim:
+        for number in range(-20, 25):
+            sim.command(np.array([-0.15 + 0.012 * max(number, 0), 0.265, 0.25]), 0.0, 0.14)
+            sim.step()
+        return float(sim.state().tool_position[0, 0]), sim.controller.setup.latency
+
+
+@pytest.mark.parametrize(
+    ("effects", "changes", "expected"),
+    [
+        ([], {"delay": 0.06}, 0.06),
+        ([{"name": "command_delay", "parameters": {"time": 0.1}}], {"delay": 0.03}, 0.13),
+        ([{"name": "lag", "parameters": {"time": 0.08}}, {"name": "command_delay", "parameters": {"time": 0.05}}], {}, 0.13),
+        ([{"name": "torque_lag", "joint": f"lbr_iiwa_joint_{k + 1}", "parameters": {"time": 0.002}} for k in range(7)]
+         + [{"name": "torque_delay", "joint": "lbr_iiwa_joint_1", "parameters": {"time": 0.002}}], {}, 0.0),
+    ],
+)  # fmt: skip
+def test_latency_is_by_how_much_the_arm_comes_late(effects, changes, expected):
+    """In a steady motion of 12 mm per 50 ms, against the motion without any."""
+    (found, latency), (nominal, none) = steady(*effects, **changes), steady()
+    assert none == 0.0
+    assert latency == pytest.approx(expected)
+    assert (nominal - found) / 0.24 == pytest.approx(expected, abs=0.003)
