@@ -27,7 +27,12 @@ class BiasedController:
     def __call__(self, state: State) -> Array:
         """Return the actions for N worlds. [N, 5]."""
         *shift, turn = self.offset
-        believed = replace(state, object_position=state.object_position + np.array(shift))
+        # Controllers take the object's height from its clearance.
+        believed = replace(
+            state,
+            object_position=state.object_position + np.array(shift),
+            object_clearance=state.object_clearance + shift[2],
+        )
         if turn:
             about = np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)])
             believed = replace(believed, object_quat=quat_multiply(about, state.object_quat))

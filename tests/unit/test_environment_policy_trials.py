@@ -122,7 +122,13 @@ def test_a_biased_controller_reaches_for_another_place():
     biased = BiasedController(CONTROLLER, (0.03, -0.01, 0.0, 0.2))
     np.testing.assert_allclose(biased(state_of(info)), CONTROLLER(state_of(elsewhere)), atol=1e-12)
     higher = BiasedController(CONTROLLER, (0.0, 0.0, 0.015, 0.0))
-    lifted = replace(state_of(info), object_position=state_of(info).object_position + np.array([0.0, 0.0, 0.015]))
-    np.testing.assert_allclose(higher(state_of(info)), CONTROLLER(lifted), atol=1e-12)
+    there.reset(options={"pose": np.array([0.02, 0.25, 0.1])})
+    for world in (seen.world, there.world):
+        world.tool, world.yaw = np.array([0.02, 0.25, 0.10]), 0.1
+    there.world.cube[2] = 0.015
+    true, raised = seen.world.state(), there.world.state()
+    np.testing.assert_allclose(higher(true), CONTROLLER(raised), atol=1e-12)
+    # Both corrections lie within an action; the share of 15 mm that one corrects is 0.1 and more of it.
+    assert np.abs(higher(true) - CONTROLLER(true))[0, 2] > 0.1
     assert teacher_name((0.0, 0.0, 0.0, 0.0)) == "exact"
     assert teacher_name((0.015, 0.0, 0.0, 0.2)) == "x 15 mm, yaw 0.20 rad"
