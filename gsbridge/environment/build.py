@@ -34,6 +34,7 @@ from gsbridge.sim.world import SimWorld
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.ply import read_ply
 from gsbridge.tasks.rules import Place
+from gsbridge.tasks.world import CONTROL_HZ
 
 OPTIONAL = ("robot_splats", "registration", "photometry", "light", "item_splats", "background_splats")
 """Files that not every environment has."""
@@ -121,7 +122,7 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings, *, litte
 
     Raises:
         InputError: A file is missing, of the wrong kind or damaged; the object does not fit the gripper; the start region is
-            out of reach.
+            out of reach; the model has another control rate than policies.
     """
     world = build_world(files)
     renderer = build_renderer(files, settings)
@@ -159,10 +160,18 @@ def build_world(files: StageFiles) -> SimWorld:
     Raises:
         InputError: As `build_environment`.
     """
+    model = read_model(files.model)
+    if model.timing.control_hz != CONTROL_HZ:
+        raise InputError(
+            files.model,
+            f"timing.control_hz is {model.timing.control_hz:g}, but policies and controllers act {CONTROL_HZ} times a second, "
+            "and tasks are judged as often",
+            f"Set it to {CONTROL_HZ}",
+        )
     return SimWorld(
         RobotFiles.read(files.robot),
         Item.of(_asset(files.item, "object"), files.item),
-        read_model(files.model),
+        model,
         base_from_table=_base_from_table(files.registration),
         plate=_asset(files.background, "background").relief_urdf,
     )

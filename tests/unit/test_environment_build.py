@@ -121,6 +121,17 @@ def test_assets_of_the_wrong_kind_are_refused(files):
         build_renderer(stage, replace(SETTINGS, renderer="gs"))
 
 
+def test_a_model_at_another_rate_than_policies_act_is_refused(files, tmp_path):
+    """An action is a step of 24 mm however often it is taken, and a task counts steps, so that another rate is another task."""
+    stage, _ = files
+    values = yaml.safe_load(NOMINAL.read_text())
+    values["timing"]["control_hz"] = 40
+    (tmp_path / "fast.yaml").write_text(yaml.safe_dump(values))
+    for build in (build_environment, simulated_arm):
+        with pytest.raises(InputError, match=r"fast\.yaml: timing\.control_hz is 40.*20 times a second.*Set it to 20"):
+            build(replace(stage, model=tmp_path / "fast.yaml"), SETTINGS)
+
+
 def test_registration_and_photometry_are_used(files, tmp_path):
     stage, _ = files
     with build_world(stage) as world:
