@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import cv2
@@ -51,6 +52,19 @@ SOFT = 0.03
 """Residual, encoded, beyond which a pixel counts less: shadows of arm and hand, glints, detail that the splats lack."""
 
 
+_BOUNDS = MappingProxyType(
+    {"gain": (0.1, 10.0), "red_gain": (0.3, 3.0), "blue_gain": (0.3, 3.0), "gamma": (0.5, 2.0), "black_level": (-0.2, 0.2)}
+)
+"""Smallest and largest value of each parameter of a response; beyond them no camera of the kind is known."""
+
+_AT_BOUND = 0.01
+"""A parameter this close to a bound, as a share of the way between both, was stopped by it; factors by their logarithms."""
+
+_MOST_RMS = 0.1
+"""Largest difference of splats and photos, encoded, that a good fit leaves: the mirror's photos leave 0.03, a table of small
+squares in strong colours 0.06, and the same table 0.12 if its splats lie 10 mm beside, and 0.2 if they are another table's."""
+
+
 def fit_response(drawn: Array, seen: Array) -> CameraResponse:
     """The response that turns drawn colours into seen ones.
 
@@ -70,9 +84,39 @@ def fit_response(drawn: Array, seen: Array) -> CameraResponse:
     def residuals(values: Array) -> Array:
         return (of(values).apply(drawn) - seen).ravel()
 
-    low, high = np.log([0.1, 0.3, 0.3, 0.5]), np.log([10.0, 3.0, 3.0, 2.0])
-    bounds = (np.append(low, -0.2), np.append(high, 0.2))
-    return of(least_squares(residuals, np.zeros(5), bounds=bounds, loss="soft_l1", f_scale=SOFT).x)
+    low, high = (np.array([_scaled(name, ends[k]) for name, ends in _BOUNDS.items()]) for k in range(2))
+    return of(least_squares(residuals, np.zeros(5), bounds=(low, high), loss="soft_l1", f_scale=SOFT).x)
+
+
+def _scaled(name: str, value: float) -> float:
+    """Return a parameter as it is fitted: factors and exponents by their logarithms."""
+    return value if name == "black_level" else float(np.log(value))
+
+
+def doubts_about(response: CameraResponse, rms: float) -> list[str]:
+    """Return the reasons to doubt a fitted response, none if it is good.
+
+    Args:
+        response: The response.
+        rms: Root mean square of the difference that it leaves between splats and photos, encoded, 0..1.
+    """
+    reasons = []
+    stopped = []
+    for name, ends in _BOUNDS.items():
+        low, at, high = (_scaled(name, value) for value in (ends[0], getattr(response, name), ends[1]))
+        if min(at - low, high - at) < _AT_BOUND * (high - low):
+            stopped.append(f"{name} {getattr(response, name):.3g}")
+    if stopped:
+        which = " and ".join(stopped)
+        reasons.append(
+            f"the wrist camera's response is at the limit of what cameras do ({which}): was it this table and light?"
+        )
+    if rms > _MOST_RMS:
+        reasons.append(
+            f"even with the wrist camera's response, the table in its photos is {rms:.2f} of full scale off its splats: "
+            "was it this table, with the board where it was filmed, and does the registration fit?"
+        )
+    return reasons
 
 
 @dataclass(frozen=True)
@@ -138,7 +182,9 @@ def calibrate_wrist_camera(
     before, after = (
         float(np.sqrt(np.mean((picture - samples.seen) ** 2))) for picture in (samples.drawn, response.apply(samples.drawn))
     )
-    reasons = [] if colours else ["no photo shows the hand: its colours are the description's"]
+    reasons = doubts_about(response, after)
+    if not colours:
+        reasons.append("no photo shows the hand: its colours are the description's")
     _write(
         record,
         Photometry(response, colours),

@@ -1,6 +1,7 @@
 """The wrist camera's response and the hand's colours, from photos whose response is known."""
 
-from dataclasses import asdict
+import re
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -114,6 +115,35 @@ def test_calibration_from_photos_of_a_known_response(tmp_path):
     assert record["rms_after"] < 0.8 * record["rms_before"]
     for name, colour in colours.items():
         np.testing.assert_allclose(found.robot_colours[name], colour, atol=0.03)
+
+
+def other_colours(cloud):
+    return replace(cloud, colours=np.random.default_rng(0).permutation(cloud.colours))
+
+
+def aside(cloud):
+    return replace(cloud, means=cloud.means + np.array([0.025, 0.0, 0.0]))
+
+
+def nearly_black(cloud):
+    return replace(cloud, colours=0.05 * cloud.colours)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [(other_colours, "was it this table, with the board"), (aside, "does the registration fit"),
+     (nearly_black, r"at the limit of what cameras do \(gain 10 and red_gain 3\)")],
+)  # fmt: skip
+def test_a_fit_to_another_table_is_degraded(tmp_path, wrong, said):
+    """The photos are those of a table whose colours are known; its splats are then changed."""
+    cloud = table(tmp_path)
+    photographs(tmp_path, cloud, {})
+    write_ply(tmp_path / "splats.ply", wrong(cloud))
+    inputs = {"registration": tmp_path / "registration.json", "robot": robot().folder}
+    calibrate_wrist_camera(tmp_path / "out.json", **inputs, capture=tmp_path / "capture", background=tmp_path / "asset.json")
+    record = read_json(tmp_path / "out.json")
+    assert record["status"] == "degraded"
+    assert re.search(said, " ".join(record["reasons"]))
 
 
 def test_without_photos_or_table_it_is_neutral_and_says_so(tmp_path):
