@@ -1,4 +1,4 @@
-"""Provenance of the recorded figures of an area: digests of the rules that made them and of the settings.
+"""Provenance of the recorded figures of an area: digests of the rules that made them, of the settings, and of model files.
 
 Figures in `benchmarks/scores` outlive `results/`. The digests beside them tell whether the tree would still make the same
 figures.
@@ -9,9 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-from gsbridge.digests import code_digest
+from gsbridge.digests import PACKAGE, code_digest
 
 _SCENES = (
     "film_scene",
@@ -177,6 +178,24 @@ _FOR_LOGS = ("gap", "preset", "presets", "seed")
 """Sections of the settings that the rules behind `_LOGS` read. A test compares this with the file of those rules."""
 
 
+NOMINAL = "models/nominal.yaml"
+"""The simulation model of every variant that names no other, and what the workflow's own models are made from."""
+
+_OF_NOMINAL = (
+    *_POLICIES,
+    "try_controller_in_sim",
+    "check_simulator",
+    "draw_views",
+    "describe_arm",
+    "amend_simulation",
+    "draw_postures",
+    "amend_camera",
+    "amend_arm_wrongly",
+    "amend_camera_wrongly",
+)
+"""Rules that read the nominal model. A test compares them with the rules' files."""
+
+
 def _digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
@@ -213,16 +232,48 @@ def matters(area: str, setting: str) -> bool:
     return area in _OF_SOME_AREAS.get(setting, (area,))
 
 
-def provenance(area: str, config: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Digests of the code and the settings behind the figures of an area, as the tree is now.
+def models_behind(area: str, config: Mapping[str, Any], root: str | Path = PACKAGE.parent) -> dict[str, str]:
+    """Digest of each model file behind an area of figures, {path as configured: digest}; empty where no rule reads one.
+
+    These are the nominal model and, where policies learn, the models that variants name. Models below `results/` do not count:
+    the workflow makes them.
+
+    Args:
+        area: The area.
+        config: The whole configuration.
+        root: Folder that the paths start from, the project's.
+    """
+    named = []
+    if not set(_OF_NOMINAL).isdisjoint(RULES[area]):
+        named.append(NOMINAL)
+    if not set(_POLICIES).isdisjoint(RULES[area]):
+        given = {variant["model"] for variant in config["variants"].values()} - {None, NOMINAL}
+        named += sorted(path for path in given if not path.startswith("results/"))
+    return {name: _file_digest(Path(root) / name) for name in named}
+
+
+def _file_digest(path: Path) -> str:
+    """Digest of a file's content; a file that is missing is no reason to fail here, since the rule that reads it tells."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:12] if path.is_file() else "missing"
+
+
+def provenance(area: str, config: Mapping[str, Any], root: str | Path = PACKAGE.parent) -> dict[str, dict[str, str]]:
+    """Digests of the code, the settings and the model files behind the figures of an area, as the tree is now.
+
+    Args:
+        area: The area.
+        config: The whole configuration.
+        root: Folder that the paths of model files start from, the project's.
 
     Returns:
-        {`code`: {rule: digest}, `settings`: {setting: digest}}.
+        {`code`: {rule: digest}, `settings`: {setting: digest}, `models`: {path: digest}}; without `models` where no rule of the
+        area reads a model.
     """
     settings = {name: digest for name, digest in settings_behind(config).items() if matters(area, name)}
-    return {"code": code_behind(area), "settings": settings}
+    models = models_behind(area, config, root)
+    return {"code": code_behind(area), "settings": settings, **({"models": models} if models else {})}
 
 
 def provenances(config: Mapping[str, Any]) -> dict[str, dict[str, dict[str, str]]]:
-    """`provenance` of every area, {area: {`code`, `settings`}}."""
+    """`provenance` of every area, {area: {`code`, `settings`, `models`}}."""
     return {area: provenance(area, config) for area in RULES}

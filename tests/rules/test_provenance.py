@@ -7,7 +7,7 @@ import pytest
 
 from gsbridge.configuration.whole import read_configuration
 from gsbridge.experiment.gap_benchmark import AREAS as GAP
-from gsbridge.experiment.provenance import RULES, provenance, provenances, settings_behind
+from gsbridge.experiment.provenance import _OF_NOMINAL, RULES, provenance, provenances, settings_behind
 from gsbridge.report.scores.results_page import AREAS, freshness, read_record
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -73,6 +73,34 @@ def test_figures_about_logs_depend_on_no_scene(config):
     assert set(re.findall(r'config\["(\w+)"\]', text)) == {"preset"}
     capitals = set(re.findall(r"\b([A-Z]{3,}(?:_[A-Z]+)*)\b", text)) - {"GSBRIDGE_MEASURED", "GSBRIDGE_ROBOTS", "GSBRIDGE_SEAL"}
     assert capitals == {"BENCHMARK", "GAP", "GAP_BANK", "SEAL", "SEED"}
+
+
+def test_an_edited_model_changes_the_areas_whose_rules_read_it(config, tmp_path):
+    whole = read_configuration(config)
+    variants = {**whole["variants"], "own": {**whole["variants"]["default"], "model": "models/own.yaml"}}
+    whole = {**whole, "variants": variants}
+    (tmp_path / "models").mkdir()
+    found = {}
+    for text in ("gravity: 9.81", "gravity: 9.82"):
+        (tmp_path / "models/nominal.yaml").write_text(text)
+        found[text] = {area: provenance(area, whole, tmp_path) for area in AREAS}
+    (tmp_path / "models/own.yaml").write_text("gravity: 1.0")
+    own = {area: provenance(area, whole, tmp_path) for area in AREAS}
+    first, second = found.values()
+    assert {area for area in AREAS if first[area] != second[area]} == {area for area in AREAS if "models" in first[area]}
+    readers = {"simulator", "policies", "worlds", "severity", "worth", "study", "loops"}
+    assert {area for area in AREAS if "models" in first[area]} == readers
+    assert {area for area in AREAS if own[area] != second[area]} == readers - {"simulator"}
+    # As digests of the settings and of the rules are, those of the models are the tree's own by default.
+    assert provenance("policies", whole)["models"]["models/own.yaml"] == "missing"
+
+
+def test_the_rules_that_read_the_nominal_model_are_named():
+    text = "".join(path.read_text() for path in sorted((ROOT / "rules").glob("*.smk")))
+    blocks = dict(re.findall(r"(?ms)^(?:use )?rule (\w+)(.*?)(?=^(?:use )?rule |^def |\Z)", text))
+    reading = {name for name, block in blocks.items() if re.search(r"nominal\.yaml|simulated_(world|scene)\b", block)}
+    scored = {rule for rules in RULES.values() for rule in rules}
+    assert reading & scored == set(_OF_NOMINAL)
 
 
 def test_the_page_tells_which_figures_are_of_this_tree(config):

@@ -416,3 +416,17 @@ def test_an_area_is_fresh_until_its_code_or_its_settings_change() -> None:
     assert changes("gap", drawn, {"code": {"a": "1"}, "settings": {"gap.methods": "6"}}) == []
     assert changes("policies", drawn, {"code": {"a": "1"}, "settings": {"gap.methods": "6"}}) == []
     assert changes("policies", drawn, {"code": {"a": "1"}, "settings": {}}) == []
+
+
+def test_an_area_is_stale_once_a_model_behind_it_is_edited() -> None:
+    now = {"code": {"a": "1"}, "settings": {"seed": "3"}, "models": {"models/nominal.yaml": "6", "models/own.yaml": "7"}}
+    assert freshness("policies", {"commit": "abc", **now}, now) == "fresh"
+    edited = {**now, "models": {"models/nominal.yaml": "8", "models/own.yaml": "9"}}
+    assert changes("policies", {"commit": "abc", **now}, edited) == ["models/nominal.yaml", "models/own.yaml"]
+    # A variant that is added later leaves the others as they were.
+    before = {**now, "models": {"models/nominal.yaml": "6"}}
+    assert changes("policies", {"commit": "abc", **before}, now) == []
+    # Records of the time before: nobody knows with which model they were made, unless the area reads none.
+    old = {"commit": "abc", "code": {"a": "1"}, "settings": {"seed": "3"}}
+    assert freshness("policies", old, now) == "**stale** since `models/nominal.yaml` changed"
+    assert freshness("gap_real", old, {"code": {"a": "1"}, "settings": {"seed": "3"}}) == "fresh"

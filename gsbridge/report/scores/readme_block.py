@@ -37,7 +37,7 @@ def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, s
 
     Args:
         records: {area: {`provenance`, `figures`}}, empty for an area that was never recorded.
-        now: Digests of the current tree, {area: {code, settings}}.
+        now: Digests of the current tree, {area: {code, settings, models}}.
     """
     fresh = [area for area, record in records.items() if record and freshness(area, record["provenance"], now[area]) == "fresh"]
     known = {name: (area, score) for area in fresh for name, score in records[area]["figures"].items()}
@@ -99,7 +99,7 @@ def write_readme_block(
     Args:
         readme: The page.
         folder: Recorded scores, `{area}.json`.
-        now: Digests of the current tree, {area: {code, settings}}.
+        now: Digests of the current tree, {area: {code, settings, models}}.
         check: Compare only, and write nothing.
 
     Returns:

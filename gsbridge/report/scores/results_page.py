@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gsbridge.errors import InputError
-from gsbridge.experiment.provenance import matters
+from gsbridge.experiment.provenance import NOMINAL, matters
 from gsbridge.experiment.seals import read_seals
 from gsbridge.files import atomic_file, read_json
 from gsbridge.statistics import wilson_interval
@@ -79,17 +79,20 @@ def changes(area: str, recorded: Mapping[str, Mapping[str, str]], now: Mapping[s
 
     Args:
         area: The area; settings that cannot change its figures do not count, though a record may hold them.
-        recorded: {`code`: {rule: digest}, `settings`: {setting: digest}} beside the recorded figures.
-        now: Digests of the tree as it is now, in the same layout.
+        recorded: {`code`: {rule: digest}, `settings`: {setting: digest}, `models`: {path: digest}} beside the recorded figures.
+        now: Digests of the tree as it is now, in the same layout; without `models` where the area reads none.
 
     Returns:
-        Rules first, then settings. Added and removed rules count as changed; of the settings, only recorded ones are compared.
+        Rules first, then settings, then model files. Added and removed rules count as changed, and so does the nominal model in
+        a record of the time before model files were recorded; of the other settings and files, only recorded ones are compared.
     """
     code, new = recorded["code"], now["code"]
     rules = [name for name in {**code, **new} if code.get(name) != new.get(name)]
     counting = {name: digest for name, digest in recorded["settings"].items() if matters(area, name)}
     settings = [name for name, digest in counting.items() if now["settings"].get(name) != digest]
-    return rules + settings
+    models, found = recorded.get("models", {}), now.get("models", {})
+    compared = dict.fromkeys([*(name for name in found if name == NOMINAL), *models])
+    return rules + settings + [name for name in compared if models.get(name) != found.get(name)]
 
 
 def freshness(area: str, recorded: Mapping[str, Any], now: Mapping[str, Mapping[str, str]]) -> str:
@@ -97,7 +100,7 @@ def freshness(area: str, recorded: Mapping[str, Any], now: Mapping[str, Mapping[
 
     Args:
         area: The area.
-        recorded: {`commit`, `code`, `settings`} beside the recorded figures.
+        recorded: {`commit`, `code`, `settings`, `models`} beside the recorded figures.
         now: Digests of the tree as it is now; see `changes`.
     """
     if not recorded.get("code"):
@@ -116,9 +119,9 @@ def results_markdown(
     """Make the text of the page.
 
     Args:
-        records: {area: {`provenance`: {commit, code, settings}, `figures`: {figure: score}}}; empty for an area that was
-            never recorded.
-        now: Digests of the current tree, {area: {code, settings}}.
+        records: {area: {`provenance`: {commit, code, settings, models}, `figures`: {figure: score}}}; empty for an area that
+            was never recorded.
+        now: Digests of the current tree, {area: {code, settings, models}}.
     """
     lines = [
         "# Results",
@@ -249,7 +252,7 @@ def write_results_page(folder: str | Path, out: str | Path, now: Mapping[str, Ma
     Args:
         folder: Recorded scores, `{area}.json`; areas without one are said to be missing.
         out: The page.
-        now: Digests of the current tree, {area: {code, settings}}, as `gsbridge.experiment.provenance` gives them.
+        now: Digests of the current tree, {area: {code, settings, models}}, as `gsbridge.experiment.provenance` gives them.
 
     Raises:
         InputError: A file is damaged.

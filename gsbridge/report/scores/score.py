@@ -247,7 +247,7 @@ def write_scores(
 ) -> None:
     """Compare all figures of one area with their floors and write `scores/{area}.json`.
 
-    The file is {`provenance`: {commit, code, settings}, `figures`: {figure: score}}.
+    The file is {`provenance`: {commit, code, settings, models}, `figures`: {figure: score}}.
 
     Args:
         floors: `benchmarks/floors.yaml`.
