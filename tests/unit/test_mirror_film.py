@@ -25,8 +25,9 @@ def tiny(**values) -> FilmSettings:
 SETTINGS = tiny(frames=6, spp=4, held_out_spp=9, width=320, height=240)
 
 
-def _film(scene, settings, root):
-    film_scene(scene, settings, root / "frames", root / "film.json", root / "truth", state=root / "state", threads=1, seed=1)
+def _film(scene, settings, root, seed=1):
+    places = root / "frames", root / "film.json", root / "truth"
+    film_scene(scene, settings, *places, state=root / "state", threads=1, seed=seed)
     return read_json(root / "film.json"), read_json(root / "truth" / "truth.json")
 
 
@@ -115,6 +116,20 @@ def test_goes_on_after_a_stop_with_the_same_film(tmp_path, monkeypatch):
     _film("foam_pad", settings, tmp_path)
     assert not set(first) & set(rendered)
     assert (tmp_path / "frames" / "0000.png").read_bytes() == kept
+
+
+@pytest.mark.parametrize("seed", [2685, 2**32 - 1])
+def test_every_seed_of_the_settings_makes_a_film(tmp_path, monkeypatch, seed):
+    """The path tracer takes seeds of 32 bits."""
+    rendered = []
+    real = Studio.render
+    monkeypatch.setattr(Studio, "render", lambda *a: (rendered.append(a[-1]), real(*a))[1])
+    settings = tiny(frames=3, spp=1, held_out_spp=1, width=64, height=64)
+    _film("foam_pad", settings, tmp_path, seed)
+    assert len(set(rendered)) == len(rendered) == 4
+    photos = [read_image_u8(path) for path in sorted((tmp_path / "frames").glob("*.png"))]
+    assert len(photos) == 3
+    assert all(photo.std() > 5 for photo in photos)
 
 
 def test_dense_film_states_motion_and_blur(tmp_path):

@@ -112,7 +112,8 @@ def _take(studio: Studio, lens: PhoneLens, shot: _Shot, state: Path, frame_seed:
     photo, mask = state / "frames" / shot.name, state / "masks" / shot.name
     if photo.is_file() and mask.is_file():
         return
-    parts = [studio.render(lens.pinhole, pose, shot.spp, frame_seed * 16 + k) for k, pose in enumerate(shot.poses)]
+    # Mitsuba takes seeds of 32 bits.
+    parts = [studio.render(lens.pinhole, pose, shot.spp, (frame_seed * 16 + k) % 2**32) for k, pose in enumerate(shot.poses)]
     covers = [studio.coverage(lens.pinhole, pose) for pose in shot.poses]
     write_image(mask, np.clip(lens.warp(np.mean(covers, axis=0)), 0, 1))
     write_image(photo, lens.expose(np.mean(parts, axis=0), np.random.default_rng(frame_seed), shot.gain))
