@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import logging
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,7 +120,8 @@ def run_trials(
         task: `grasp` or `pick_and_place`.
         place, name, reasons: See `try_policy`.
         counts: Start poses of each set, evenly over the quadrants (`pose_counts`).
-        facts: Gives further entries of the record; called when all trials are done.
+        facts: Gives further entries of the record; called when all trials are done. How often episodes ended for each reason
+            on an arm is counted here, over the trials of earlier jobs as well.
 
     Returns:
         Name of the set and outcome, by trial.
@@ -142,6 +144,9 @@ def run_trials(
         progress.update(f"{sum(trial.success for _, trial in done)} of {len(done)}")
     write_trial_log(place.log, paths)
     write_table(place.table, done)
+    ends = Counter(trial.end for _, trial in done if trial.end)
+    more: dict[str, Any] = {"ends": dict(sorted(ends.items()))} if ends else {}
+    more |= facts() if facts is not None else {}
     write_stage(
         place.record,
         reasons=reasons,
@@ -150,7 +155,7 @@ def run_trials(
         task=task,
         poses=dict(counts),
         counts={pose_set: _counts([trial for found, trial in done if found == pose_set]) for pose_set in counts},
-        **(facts() if facts is not None else {}),
+        **more,
     )
     # All results are written, so the trials saved for a killed job are not needed any more.
     for file in state.glob("*"):

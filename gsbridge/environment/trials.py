@@ -36,6 +36,7 @@ class TrialResult:
         steps: Control periods until the end.
         refused: Commands that the arm could not reach.
         clipped: Commands cut to the workspace.
+        end: Why the episode ended on an arm, a word of `gsbridge.policy.safety.End`; empty in an environment.
     """
 
     seed: int
@@ -47,6 +48,7 @@ class TrialResult:
     steps: int
     refused: int
     clipped: int
+    end: str = ""
 
     @property
     def quadrant(self) -> int:

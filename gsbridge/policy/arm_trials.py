@@ -47,9 +47,6 @@ class ArmTrials:
 
     Raises:
         InputError: Registration, camera and policy do not belong together.
-
-    Attributes:
-        ends: How often episodes ended for each reason of `End`.
     """
 
     def __init__(
@@ -57,19 +54,13 @@ class ArmTrials:
     ) -> None:
         self.driver, self.policy = MirrorDriver(world, registration, interface.settings), policy
         self.setup = arm_setup(self.driver, registration, interface)
-        self.ends: dict[str, int] = {}
 
     def __call__(self, pose_set: str, index: int, seed: int) -> tuple[TrialResult, TrialPath]:
         """Play the trial that `PickEnvironment.reset` would begin with `seed`."""
-        trial, path, end = play_on_arm(
+        trial, path, _ = play_on_arm(
             self.policy, self.setup, self.driver, pose_set, index, world_seed(self.setup.interface.settings, seed)
         )
-        self.ends[end.value] = self.ends.get(end.value, 0) + 1
         return trial, path
-
-    def facts(self) -> Mapping[str, object]:
-        """Count for the record how episodes ended; trials that an earlier job finished are not counted."""
-        return {"ends": dict(sorted(self.ends.items()))}
 
 
 def arm_setup(driver: WorldDriver, registration: Registration, interface: PolicyInterface) -> Setup:
@@ -117,7 +108,7 @@ def play_on_arm(
     x, y, yaw = (float(value) for value in start)
     trial = TrialResult(
         settings.pose_seed, index, (x, y, yaw), verdict.success, verdict.success_tolerant, verdict.failure, log.steps,
-        log.refused, log.clipped,
+        log.refused, log.clipped, log.end.value,
     )  # fmt: skip
     return trial, _path(log, driver, pose_set, index), log.end
 

@@ -97,7 +97,7 @@ def try_in_mirror(
     reasons = [*_reasons(training), *doubts]
 
     def facts() -> dict[str, object]:
-        return {**play.facts(), "path_tracer": variant()}
+        return {"path_tracer": variant()}
 
     return run_trials(play, settings.task, place, name=name, counts=counts, reasons=reasons, facts=facts)
 

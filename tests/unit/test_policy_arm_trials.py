@@ -101,7 +101,7 @@ def test_an_error_of_the_registration_shows_in_what_a_policy_is_told(shift, turn
     trials = ArmTrials(physics(), chosen, interface(max_steps=20), script)
     trial, path = trials("fixed", 3, 5)
     assert trial.steps == 20
-    assert trials.facts() == {"ends": {"time_out": 1}}
+    assert trial.end == "time_out"
     # Through the base, which both share: the truth, seen from where the table is believed to be.
     error = np.linalg.inv(chosen.base_from_table) @ TRUTH
     believed = path.tool[:-1] @ error[:3, :3].T + error[:3, 3]
@@ -236,6 +236,28 @@ def test_a_trial_that_is_repeated_for_its_log_takes_the_same_way():
     assert len(log.time) == 500 + 30 * 50 + 500
 
 
+def test_ends_are_counted_over_all_trials_of_a_job_that_was_killed(tmp_path):
+    """Ends of the trials that a first job finished count in the record that the second one writes."""
+    place = TrialPlace(tmp_path / "trials.csv", tmp_path / "trials.npz", tmp_path / "trials.json", tmp_path / "state")
+    play = ArmTrials(physics(), registered(), interface(max_steps=6), Script())
+    played = []
+
+    def mortal(pose_set, index, seed):
+        if len(played) == 2:
+            raise KeyboardInterrupt
+        played.append(play(pose_set, index, seed))
+        return played[-1]
+
+    counts = {"fixed": 2, "unseen": 1}
+    with pytest.raises(KeyboardInterrupt):
+        run_trials(mortal, "grasp", place, name="lab", counts=counts)
+    done = run_trials(play, "grasp", place, name="lab", counts=counts, facts=lambda: {"path_tracer": "none"})
+    assert [trial for _, trial in done[:2]] == [trial for trial, _ in played]
+    record = read_json(place.record)
+    assert record["ends"] == {"time_out": 3}
+    assert record["path_tracer"] == "none"
+
+
 def test_a_policys_trials_on_a_bad_day_leave_table_log_and_record(tmp_path, monkeypatch):
     monkeypatch.setattr(camera_module, "table_texture", lambda background, seed: np.full((10, 12, 3), 0.25, np.float32))
     hidden = worsened(Hidden.draw(11), 11, Severity(4, 4))
@@ -246,7 +268,7 @@ def test_a_policys_trials_on_a_bad_day_leave_table_log_and_record(tmp_path, monk
     play = ArmTrials(world, registered((0.002, 0.0, 0.0)), interface(max_steps=7), script)
     place = TrialPlace(tmp_path / "trials.csv", tmp_path / "trials.npz", tmp_path / "trials.json", tmp_path / "state")
     counts = {"fixed": 1, "unseen": 1}
-    done = run_trials(play, "grasp", place, name="lab", counts=counts, reasons=["policy: young"], facts=play.facts)
+    done = run_trials(play, "grasp", place, name="lab", counts=counts, reasons=["policy: young"])
     assert [(name, trial.steps, trial.success) for name, trial in done] == [("fixed", 7, False), ("unseen", 7, False)]
     record = read_json(place.record)
     assert record["ends"] == {"time_out": 2}
