@@ -263,3 +263,14 @@ def test_outcomes_add_up_to_the_trials(tmp_path):
     (tmp_path / "own.csv").write_text("pose_set,index,success\nfixed,1,false\n")
     own = failure_rows(read_trial_files([], robot={"grasp/small_cube+tablecloth/gs/default": tmp_path / "own.csv"}))
     assert [row["outcome"] for row in own] == ["unknown"]
+
+
+def test_a_failed_trial_marked_none_counts_as_failed_in_both_tables(tmp_path):
+    (tmp_path / "own.csv").write_text(
+        "pose_set,index,success,failure\nfixed,0,true,none\nfixed,1,false,none\nfixed,9,false,dropped\nfixed,17,false,none\n"
+    )
+    files = read_trial_files([], robot={"grasp/small_cube+tablecloth/gs/default": tmp_path / "own.csv"})
+    (counted,) = success_rows(files)
+    outcomes = {row["outcome"]: row["count"] for row in failure_rows(files)}
+    assert (counted["successes"], counted["trials"]) == (1, 4)
+    assert outcomes == {"none": 1, "unknown": 2, "dropped": 1}

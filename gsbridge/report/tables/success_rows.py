@@ -138,7 +138,8 @@ def _trial(path: str | Path, line: int, row: Row) -> dict[str, Any]:
         "quadrant": whole("quadrant", 1, len(QUADRANTS)) if row.get("quadrant") else QUADRANTS[index // PER_QUADRANT],
         "success": success,
         "success_tolerant": tolerant,
-        "failure": Failure.NONE.value if success else failure,
+        # A failed trial that is marked `none` gives no reason.
+        "failure": Failure.NONE.value if success else ("" if failure == Failure.NONE else failure),
     }
 
 
