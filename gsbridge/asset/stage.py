@@ -193,9 +193,13 @@ def _check_place(cloud: Cloud, visual: Mesh, inputs: AssetInputs) -> None:
 def _solid(visual: Mesh, collision: Mesh, inputs: AssetInputs) -> tuple[str, Mesh, list[str]]:
     """Choose the mesh that defines the body: the visual one if it is closed, else the hull of the outlines."""
     if visual.is_watertight() and visual.volume() > 0:
-        excess = 1e3 * np.maximum(collision.vertices.max(0) - visual.vertices.max(0), 0)
-        if excess.max() > _HULL_EXCESS_MM:
-            logger.info("the outlines' hull stands out %s mm beyond the surface (x, y, z)", np.round(excess, 1))
+        low = 1e3 * np.maximum(visual.vertices.min(0) - collision.vertices.min(0), 0)
+        high = 1e3 * np.maximum(collision.vertices.max(0) - visual.vertices.max(0), 0)
+        if max(low.max(), high.max()) > _HULL_EXCESS_MM:
+            logger.info(
+                "the outlines' hull stands out %s mm beyond the surface at -x, -y, -z and %s mm at +x, +y, +z",
+                *(np.round(excess, 1) for excess in (low, high)),
+            )
         return "visual", visual, []
     if collision.is_watertight() and collision.volume() > 0:
         return "collision", collision, ["the visual mesh is not watertight; the body is the hull of the outlines"]

@@ -1,5 +1,6 @@
 """The asset stage on small scenes made here: bundle, rest in PyBullet, the same bytes in a second run, bad input."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import trimesh
 from pybullet_utils.bullet_client import BulletClient
 
+from gsbridge.asset import stage
 from gsbridge.asset.body import mass_properties
 from gsbridge.asset.bullet import body_from_inertial, load_body, rest_check, world_from_body
 from gsbridge.asset.bundle import read_asset
@@ -192,6 +194,26 @@ def test_open_visual_mesh_falls_back_to_the_outlines_hull(tmp_path):
     assert record["solid"] == "collision"
     assert record["status"] == "degraded"
     assert "not watertight" in record["reasons"][0]
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_hull_that_stands_out_on_any_side_is_told(caplog, axis, side):
+    """A hull that is stretched by 5 mm on one side; the surface keeps its own sides."""
+    surface, hull = rough_box(), rough_box()
+    there = side * (hull.vertices - PLACE)[:, axis] > 0.4 * SIZE[axis]
+    stretched = hull.vertices.copy()
+    stretched[there, axis] += side * 0.005
+    caplog.set_level("INFO", "gsbridge")
+    found, _, reasons = stage._solid(
+        surface, Mesh(stretched, hull.faces), AssetInputs("visual.ply", "collision.ply", "splats.ply", "align.json")
+    )
+    assert (found, reasons) == ("visual", [])
+    told = re.findall(r"\[([^]]*)\] mm", caplog.text)
+    excess = np.array([[float(value) for value in text.split()] for text in told])
+    expected = np.zeros((2, 3))
+    expected[(side + 1) // 2, axis] = 5.0
+    np.testing.assert_allclose(excess, expected, atol=0.05)
 
 
 def test_small_gap_to_the_table_is_closed_and_noted(tmp_path):
