@@ -48,6 +48,7 @@ class BoardCapture:
         joints: Measured joint angles, rad. [N, J].
         base_from_flange: Poses of the flange, m, for arms that report poses instead of joint angles. [N, 4, 4].
         camera: Intrinsics of the photos; None where they are to be estimated from the board.
+        arm_file: Name of the file that the arm's poses were read from, in the same folder.
     """
 
     folder: Path
@@ -55,6 +56,7 @@ class BoardCapture:
     joints: Array | None
     base_from_flange: Array | None
     camera: Camera | None
+    arm_file: str
 
 
 def read_board_capture(folder: str | Path) -> BoardCapture:
@@ -93,7 +95,7 @@ def read_board_capture(folder: str | Path) -> BoardCapture:
             raise InputError(source, f"the pose of {bad} is not finite", "Give finite numbers, or take the line out")
     if poses is not None:
         check_reach(poses, source)
-    return BoardCapture(place, tuple(images), joints, poses, _read_camera(place / CAMERA_JSON))
+    return BoardCapture(place, tuple(images), joints, poses, _read_camera(place / CAMERA_JSON), source.name)
 
 
 def write_arm_table(path: str | Path, images: Sequence[str], joints: Array) -> None:

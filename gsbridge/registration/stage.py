@@ -202,7 +202,7 @@ def _flange_poses(capture: BoardCapture) -> Array:
     assert capture.joints is not None
     with TemporaryDirectory() as folder:
         kinematics = Kinematics.read(build_robot(Path(folder) / "robot").urdf)
-    count, source = len(kinematics.arm_joints), capture.folder / ARM_CSV
+    count, source = len(kinematics.arm_joints), capture.folder / capture.arm_file
     if capture.joints.shape[1] != count:
         raise InputError(source, f"{capture.joints.shape[1]} joints per photo, the arm has {count}", "Give one angle per joint")
     inside = kinematics.arm_limits.margin(capture.joints) > -np.deg2rad(1.0)
@@ -212,7 +212,7 @@ def _flange_poses(capture: BoardCapture) -> Array:
         raise InputError(
             source,
             f"joint {joint + 1} of {capture.images[row]} is at {capture.joints[row, joint]:.2f} rad, outside its limits",
-            "Give radians, or name the columns q1_deg, q2_deg, ...",
+            "Give radians" + (", or name the columns q1_deg, q2_deg, ..." if capture.arm_file == ARM_CSV else ""),
         )
     return kinematics.fk(capture.joints, ["flange"])["flange"]
 

@@ -256,8 +256,13 @@ def test_a_damaged_camera_is_refused(tmp_path):
 def test_degrees_without_their_name_are_refused(tmp_path, monkeypatch):
     folder = joint_capture(tmp_path / "capture", row="a.png,0,40,0,-90,0,50,0")
     monkeypatch.setattr(stage, "build_robot", lambda _: __import__("robot_fixture").robot())
-    with pytest.raises(InputError, match=r"outside its limits.*q1_deg"):
+    with pytest.raises(InputError, match=r"arm\.csv: .*outside its limits.*q1_deg"):
         stage._flange_poses(read_board_capture(folder))
+    (folder / "arm.csv").unlink()
+    for joints, said in (([0, 40, 0, -90, 0, 50, 0], r"outside its limits\. Give radians$"), ([0.1] * 6, "6 joints per photo")):
+        (folder / "arm.json").write_text(json.dumps({"poses": [{"image": "a.png", "joints": joints}]}))
+        with pytest.raises(InputError, match=rf"arm\.json: .*{said}"):
+            stage._flange_poses(read_board_capture(folder))
 
 
 @pytest.mark.parametrize(
