@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from gsbridge.errors import GsbridgeError, InputError
+from gsbridge.errors import NO_ROOM, GsbridgeError, InputError
 
 LARGEST_TEXT = 16 * 2**20
 """Largest size of a YAML file, bytes. The longest that gsbridge writes has some kilobytes."""
@@ -80,6 +80,11 @@ def refusing(source: str | Path, problem: str, remedy: str) -> Iterator[None]:
         raise InputError(source, f"{problem} ({_first_line(error)})", remedy) from error
     except PermissionError as error:
         raise InputError(source, "it may not be read", "Change its permissions") from error
+    except OSError as error:
+        # A reader may unpack or convert what it reads; a disk that is full then is no fault of the file.
+        if error.errno in NO_ROOM:
+            raise
+        raise InputError(source, f"{problem} ({_first_line(error)})", remedy) from error
     except RecursionError:
         # `from None`, since the traceback of this error has a thousand lines.
         raise InputError(source, f"{problem} (it is nested too deeply)", remedy) from None

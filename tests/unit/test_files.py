@@ -14,6 +14,7 @@ import pytest
 from gsbridge import logs
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_directory, atomic_file, read_json, write_json, write_stage
+from gsbridge.reading import refusing
 
 
 def test_failed_write_leaves_the_earlier_file_and_no_litter(tmp_path):
@@ -78,6 +79,22 @@ def test_damaged_json_is_named(tmp_path, text):
     path.write_text(text, encoding="latin-1")
     with pytest.raises(InputError, match=r"a\.json"):
         read_json(path)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a device that is always full")
+def test_a_disk_that_is_full_while_a_file_is_read_is_no_fault_of_the_file():
+    """A reader that unpacks to a full disk, here to the kernel's own; other errors of the system blame the file."""
+
+    def unpack():
+        with refusing("a.mcap", "it is damaged", "Record it again"), open("/dev/full", "wb", buffering=0) as unpacked:
+            unpacked.write(b"1")
+
+    with pytest.raises(OSError, match="No space left") as caught:
+        unpack()
+    assert caught.value.errno == errno.ENOSPC
+    said = r"a\.mcap: it is damaged \(.*Input/output error.*\)\. Record it again"
+    with pytest.raises(InputError, match=said), refusing("a.mcap", "it is damaged", "Record it again"):
+        raise OSError(errno.EIO, "Input/output error")
 
 
 @pytest.mark.parametrize(
