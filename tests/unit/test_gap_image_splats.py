@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, look_at
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.image_truth import grainy
 from gsbridge.gap.benchmark.images import _posed, film, image_site
@@ -20,7 +20,7 @@ from gsbridge.gap.image.cells import Cells
 from gsbridge.gap.image.diagnose import FEW, UNPROVEN, diagnose_splats
 from gsbridge.gap.image.layers import LEVELS, LayerSpread, energies, numbers_of, weighed
 from gsbridge.gap.image.pairs import Pairs
-from gsbridge.gap.image.splat_error import learn_splat_error, reduced, subset
+from gsbridge.gap.image.splat_error import FEWEST, learn_splat_error, reduced, subset
 from gsbridge.gap.workflow import run_case
 from gsbridge.images import linear_from_srgb, srgb_from_linear, write_image
 from gsbridge.sim.model import read_model
@@ -128,6 +128,20 @@ def test_splats_that_lack_detail_and_colours_raise_no_alarm_and_an_exposure_is_n
     assert dark.finding.best.fit.values[0]["stops"] == pytest.approx(-0.35, abs=0.03)
     # Without the learnt error the same photos would seem to lack much.
     assert dark.floor["model"] == corrected
+
+
+@pytest.mark.parametrize("count", [FEWEST, FEWEST + 2])
+def test_the_fewest_photos_that_are_accepted_tell_how_wrong_rendered_images_are(count):
+    rng, camera = np.random.default_rng(0), Camera(48, 48, 60.0, 60.0, 24.0, 24.0)
+    drawn = rng.uniform(0.2, 0.8, (count, 48, 48, 3)).astype(np.float32)
+    photos = (drawn + rng.normal(0.0, 0.01, drawn.shape)).astype(np.float32)
+    places = [np.array([0.1 * np.cos(a), 0.1 * np.sin(a), 0.4]) for a in np.linspace(0.0, 5.0, count)]
+    poses = np.stack([look_at(place, np.zeros(3)) for place in places])
+    day = Pairs(camera, drawn, drawn, photos, np.full((count, 48, 48), 0.4), poses, drawn=True)
+    # Photos differ from the images by this noise alone.
+    assert learn_splat_error(day).left[2] == pytest.approx(0.01, rel=0.05)
+    with pytest.raises(InputError, match=f"{FEWEST - 1} photos of the day"):
+        learn_splat_error(subset(day, range(FEWEST - 1)))
 
 
 def test_reduced_pictures_keep_lengths_in_pixels_of_the_camera(takes):

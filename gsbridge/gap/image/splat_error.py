@@ -25,6 +25,7 @@ from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.layers import LayerSpread
 from gsbridge.gap.image.model import ImageCandidate, shooting
 from gsbridge.gap.image.noise_model import slopes_of
+from gsbridge.gap.image.pairs import FEWEST as FEWEST_VIEWS
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import COARSE, HEIGHT, PLACE, ImageResiduals, PhotoNoise, shrinking, shrunk
 from gsbridge.geometry import Array
@@ -46,7 +47,7 @@ CALIBRATED = (
 """Effects that the calibration fits jointly to photos of the registration's day; none of them is a finding."""
 
 _FOLDS = 3
-"""Number of folds of the cross-validation over views."""
+"""Number of folds of the cross-validation over views, where there are enough views for each to hold `FEWEST_VIEWS`."""
 
 _ROUNDS = 8
 """Largest number of steps of the calibration, whose error need only be small compared with what remains afterwards."""
@@ -191,8 +192,9 @@ def learn_splat_error(registration: Pairs) -> SplatError:
     apart = view.after - view.pairs.before
     lack, squares = Lack.learn(view, apart, range(count)), []
     folds: dict[int, list[Array]] = {HEIGHT: [], COARSE: []}
-    for fold in range(_FOLDS):
-        group = [n for n in range(count) if n % _FOLDS == fold]
+    number = min(_FOLDS, count // FEWEST_VIEWS)
+    for fold in range(number):
+        group = [n for n in range(count) if n % number == fold]
         others = [n for n in range(count) if n not in group]
         error = SplatError(effects, Lack.learn(view, apart, others), {}, (0.0,) * 3)
         chosen = error.corrected(subset(registration, group))
