@@ -14,7 +14,7 @@ from gsbridge.gap.benchmark import body_cases, machines
 from gsbridge.gap.benchmark.body_truth import RunawayError, ThrowScene, damping_ratio, throw_box
 from gsbridge.gap.benchmark.body_visibility import BodyVisibility
 from gsbridge.gap.benchmark.generate import NotShownError, _joined
-from gsbridge.gap.benchmark.hidden_parts import true_parameters
+from gsbridge.gap.benchmark.hidden_parts import Rubs, true_parameters
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.contact.case import read_throw_case
 from gsbridge.gap.formats.records import Record
@@ -59,6 +59,41 @@ def test_what_mujoco_hides_is_what_the_catalogue_calls_so(tmp_path, name):
     after = np.sqrt((view.residual((Applied(name, "turn", values),)) ** 2).mean())
     assert before > 0.3
     assert after < 0.15 * before
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        {"warming": -0.1},
+        {"warming": 0.1, "coulomb": 0.3, "viscous": 0.1},
+        {"warming": -0.1, "coulomb_asym": 0.3, "load_friction": 0.1},
+    ],
+)
+def test_all_friction_changes_while_running_known_or_hidden(tmp_path, hidden):
+    """The law of the catalogue, in an engine of its own, leaves nothing over; with steady friction much would be left."""
+    system, plant = machines.machine_plant("pendulum", tmp_path)
+    time = np.arange(400) / 100
+    wanted = _joined(course("multisine", plant.centre, plant.reach, 4.0, np.random.default_rng(0)), 100.0)
+    moved = plant.truth(wanted, 4.0, time, {f"{name}:swing": size for name, size in hidden.items()})
+    seen = {kind: moved[kind] for kind in plant.noise}
+    record = Record("fit", time, plant.joints, {"command": np.array([wanted(t) for t in time])}, seen, sigma=dict(plant.noise))
+    view = JointResiduals.of(Mechanism(system), record)
+    effects = [
+        Applied(name, "swing", true_parameters(name, size, 0) or {JOINT_EFFECTS[name].parameters[0].name: size})
+        for name, size in hidden.items()
+    ]
+    steady = np.sqrt((view.residual(tuple(effects[1:])) ** 2).mean())
+    after = np.sqrt((view.residual(tuple(effects)) ** 2).mean())
+    assert steady > 0.3
+    assert after < 0.15 * steady
+
+
+def test_friction_that_warms_away_leaves_none(tmp_path):
+    system, _ = machines.machine_plant("pendulum", tmp_path)
+    (known,), place = system.coulomb, np.zeros(1)
+    rubs = Rubs(system, {"warming:swing": -0.1, "coulomb:swing": 0.2})
+    left = [known + 0.2 + rubs(place, place, time, place)[0] for time in (0.0, 4.0, 12.0)]
+    assert left == pytest.approx([known + 0.2, 0.6 * (known + 0.2), 0.0])
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,8 @@ class Loads:
         self._drag, self._cubic, self._shake = sizes("quadratic_drag"), sizes("cubic_spring"), sizes("shaking")
         self._ripple, self._detent, self._stop = sizes("ripple"), sizes("detent"), sizes("stop")
         self._hysteresis, self._kick = sizes("hysteresis"), sizes("kicks")
-        self._worn = system.viscous * sizes("warming")
+        # The hidden viscous friction warms as the known one does.
+        self._worn = (system.viscous + sizes("viscous")) * sizes("warming")
         self._waves = np.resize(np.array(WAVES), len(self.steady))
         self._bent = np.zeros(len(self.steady))
         self._begun: Array | None = None
@@ -156,17 +157,22 @@ class Rubs:
     def __init__(self, system: MechanismModel, hidden: Mapping[str, float]) -> None:
         sizes = _Sizes(system, hidden)
         self._patchy, self._uneven, self._share = sizes("patchy_friction"), sizes("coulomb_asym"), sizes("load_friction")
-        self._bump, self._worn = sizes("stribeck"), system.coulomb * sizes("warming")
-        parts = (self._patchy, self._uneven, self._share, self._bump, self._worn)
+        self._bump, self._warms, self._steady = sizes("stribeck"), sizes("warming"), system.coulomb + sizes("coulomb")
+        parts = (self._patchy, self._uneven, self._share, self._bump, self._steady * self._warms)
         self._acts = any(bool(part.any()) for part in parts)
 
     def __call__(self, q: Array, v: Array, time: float, asked: Array) -> Array | None:
-        """Return the dry friction beyond the known one, N m; None if none is hidden. [N], [N], s, [N] -> [N]."""
+        """Return the dry friction beyond that in the engine, N m; None if none is hidden. [N], [N], s, [N] -> [N].
+
+        The engine has the known and the hidden Coulomb friction, which `warming` changes as well; below zero, the result takes
+        from it, down to no friction at all.
+        """
         if not self._acts:
             return None
-        dry = self._patchy * (1.0 + np.sin(5 * q)) + self._share * np.abs(asked) + self._worn * time
-        dry = dry + np.abs(self._uneven) + SKEW * self._uneven * np.tanh(v / _CREEP)
-        return np.maximum(dry + self._bump * np.exp(-((v / 0.05) ** 2)), 0.0)
+        dry = self._patchy * (1.0 + np.sin(5 * q)) + self._share * np.abs(asked)
+        dry = dry + np.abs(self._uneven) + self._bump * np.exp(-((v / 0.05) ** 2))
+        dry = dry + (self._steady + dry) * self._warms * time + SKEW * self._uneven * np.tanh(v / _CREEP)
+        return np.maximum(dry, -self._steady)
 
 
 class Sensors:
