@@ -169,6 +169,12 @@ def test_throws_that_run_away_are_not_drawn(monkeypatch, tmp_path):
         body_cases.draw_body_case(("gravity_scale",), 20.0, 3, count=1)
 
 
+def test_a_contact_that_is_soft_is_not_given_a_restitution_as_well():
+    """MuJoCo's contact is either of them, so that a truth of both would list a restitution that it does not have."""
+    with pytest.raises(NotShownError, match="either of contact_softness and restitution"):
+        body_cases.draw_body_case(("contact_softness", "restitution"), 5.0, 2, count=1)
+
+
 @pytest.mark.parametrize("names", [("gravity_scale", "tracking_rate"), ("object_mass", "steady_force")])
 def test_two_that_are_one_equation_are_not_hidden_together(names):
     with pytest.raises(NotShownError, match="one equation") as caught:

@@ -175,6 +175,9 @@ _TWINS = (("object_mass", "steady_force"), ("gravity_scale", "tracking_rate"))
 """Pairs of effects with the same equation of motion. Half the mass doubles the acceleration by a steady force, as twice the
 force does. If contacts are hard and nothing else sets a time scale, a slow clock is equivalent to a weak gravity."""
 
+_APART = (("contact_softness", "restitution"),)
+"""Pairs of effects that a contact has only one of: a soft contact gives back what its spring and damper do."""
+
 
 def body_twins(names: tuple[str, ...]) -> list[list[str]]:
     """Return the other sets of effects with the same equation of motion as the hidden ones."""
@@ -247,10 +250,13 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
         count: Number of throws of each role.
 
     Raises:
-        NotShownError: An effect shows as wanted at no size, all together show much less, or two have the same equation.
+        NotShownError: An effect shows as wanted at no size, all together show much less, two have the same equation, or a
+            contact cannot have both.
     """
     if any(len({*names}.intersection(group)) > 1 for group in _TWINS):
         raise NotShownError(names[-1], f"{' and '.join(names)} are one equation, and would hide as one of them")
+    if any({*group} <= {*names} for group in _APART):
+        raise NotShownError(names[-1], f"a contact has either of {' and '.join(names)}, not both")
     rng = np.random.default_rng(seed)
     entries = {name: KNOWN.get(name) or STRANGE[name] for name in names}
     shapes = [shape for shape in ("box", "ball") if all(shape in entry.shapes for entry in entries.values())]
