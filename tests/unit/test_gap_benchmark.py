@@ -142,6 +142,16 @@ def test_dry_friction_holds_in_the_engines_without_creeping(tmp_path):
         assert np.abs(held["position"] - 0.3).max() < 1e-5
 
 
+@pytest.mark.parametrize("joint", [":axis", ""])
+def test_play_and_a_spring_are_not_hidden_behind_one_motor(tmp_path, joint):
+    """MuJoCo's joint between motor and link is either of them, so that a truth of both would be a truth of one."""
+    system, _ = axis_plant(tmp_path)
+    wanted, times = axis_course()
+    with pytest.raises(NotShownError, match="the joint axis has either backlash or compliance") as caught:
+        MujocoTruth(system)(wanted, 1.0, times, {f"backlash{joint}": 0.01, f"compliance{joint}": 0.001})
+    assert caught.value.name == f"compliance{joint}"
+
+
 def test_a_truth_that_runs_away_is_told_and_not_logged(tmp_path, monkeypatch):
     """MuJoCo puts a mechanism that runs away back to where it began, and goes on; it also leaves a file where it ran."""
     system, _ = axis_plant(tmp_path)

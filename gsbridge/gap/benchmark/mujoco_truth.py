@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from gsbridge.gap.benchmark.arm_loop import run_arm
+from gsbridge.gap.benchmark.generate import NotShownError
 from gsbridge.gap.benchmark.hidden_parts import PLACE, rest_of, size_at
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
@@ -131,7 +132,11 @@ class MujocoTruth:
         return model
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
-        """Simulate the mechanism with hidden effects, and return its log; NaN after it diverges. See `generate.Truth`."""
+        """Simulate the mechanism with hidden effects, and return its log; NaN after it diverges. See `generate.Truth`.
+
+        Raises:
+            NotShownError: Backlash and compliance are hidden at one joint.
+        """
         without_log_file()
         last = self._skeleton.child_of[self.system.joints[-1]]
         engine = _MujocoArm(self._compile(hidden), self._brain, self.system.joints, last)
@@ -146,10 +151,19 @@ def _loosen(link: mujoco.MjsBody, motor: mujoco.MjsJoint, rotor: float, hidden: 
         motor: The joint, which becomes the motor's side.
         rotor: Inertia of the rotor, kg m2.
         hidden: Sizes of the hidden effects.
+
+    Raises:
+        NotShownError: The joint should have both play and a spring.
     """
     gap, soft = size_at(hidden, "backlash", motor.name), size_at(hidden, "compliance", motor.name)
     if not gap and not soft:
         return
+    if gap and soft:
+        # On one joint, play would only limit how far the spring gives way. In series, they need a body without mass between.
+        name = f"compliance:{motor.name}"
+        raise NotShownError(
+            name if name in hidden else "compliance", f"the joint {motor.name} has either backlash or compliance, not both"
+        )
     # The motor's side of the play needs an inertia of its own.
     motor.armature = max(rotor, _LIGHTEST)
     play = link.add_joint(name=f"{motor.name}{_PLAY}", type=motor.type, axis=motor.axis, pos=motor.pos)
