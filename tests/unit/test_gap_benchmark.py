@@ -15,14 +15,14 @@ import gsbridge.gap.benchmark
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
-from gsbridge.gap.benchmark.axis_truth import run_axis
+from gsbridge.gap.benchmark.axis_truth import AXIS, run_axis
 from gsbridge.gap.benchmark.baselines import METHODS, SEARCHES, available
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.campaign import case_keys, diagnose_cases
 from gsbridge.gap.benchmark.case_plan import BODIES, MACHINES, SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
 from gsbridge.gap.benchmark.drawing import _drawn, generate_cases
 from gsbridge.gap.benchmark.generate import BenchmarkMechanism, NotShownError, _joined, draw_case, size_of_units
-from gsbridge.gap.benchmark.hidden_parts import Commands
+from gsbridge.gap.benchmark.hidden_parts import PLACE, Commands
 from gsbridge.gap.benchmark.images import draw_image_case
 from gsbridge.gap.benchmark.images import image_site as photo_site
 from gsbridge.gap.benchmark.mechanisms import MechanismSite, axis_plant, mechanism_site
@@ -140,6 +140,16 @@ def test_dry_friction_holds_in_the_engines_without_creeping(tmp_path):
     for truth in (MujocoTruth(system), BulletTruth(system)):
         held = truth(lambda time: np.array([0.3]), 1.0, times, {"coulomb": 0.2, "effort_offset": 0.05})
         assert np.abs(held["position"] - 0.3).max() < 1e-5
+
+
+@pytest.mark.parametrize("engine", [BulletTruth, MujocoTruth])
+def test_a_payload_is_as_heavy_on_a_link_that_is_heavier_than_described(engine, tmp_path):
+    """A held axis: the weights of the link, 0.2 m from the axis and half as heavy again, and of 1 kg at its place on it."""
+    system, _ = axis_plant(tmp_path)
+    held = engine(system)(lambda time: np.array([-0.5]), 2.0, np.array([1.9]), {"payload": 1.0, "link_mass:axis": 0.5})
+    q, (x, _, z) = held["position"][0, 0], PLACE
+    levers = 1.5 * AXIS["moment"] * np.cos(q) + x * np.cos(q) - z * np.sin(q)
+    assert held["effort"][0, 0] == pytest.approx(AXIS["gravity"] * levers, rel=1e-3)
 
 
 @pytest.mark.parametrize("joint", [":axis", ""])

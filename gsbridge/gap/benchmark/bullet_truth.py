@@ -17,7 +17,7 @@ import pybullet
 from pybullet_utils.bullet_client import BulletClient
 
 from gsbridge.gap.benchmark.arm_loop import PERIOD, run_arm
-from gsbridge.gap.benchmark.hidden_parts import PLACE, rest_of, size_at
+from gsbridge.gap.benchmark.hidden_parts import PLACE, rest_of, size_at, true_links
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.joints.mechanism.inertials import Inertial, Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
@@ -63,18 +63,12 @@ class _BulletArm:
         self._sprung, self._touched = bool(self._spring.any()), False
 
     def __enter__(self) -> _BulletArm:
-        bodies = dict(self._skeleton.inertials)
+        bodies = true_links(self._skeleton, self._hidden)
         if "payload" in self._hidden:
             link = self._skeleton.child_of[self._system.joints[-1]]
             bodies[link] = _joined(bodies[link], self._hidden["payload"])
         self._world, self._body, self._columns = self._load(bodies, self._gravity)
         self._brain, self._brain_body, _ = self._load(self._skeleton.inertials, self._system.gravity.tolist())
-        for name, number in zip(self._system.joints, self._columns, strict=True):
-            mass, _, inertia = self._world.getDynamicsInfo(self._body, number)[:3]
-            heavier = 1.0 + size_at(self._hidden, "link_mass", name)
-            self._world.changeDynamics(
-                self._body, number, mass=mass * heavier, localInertiaDiagonal=[heavier * value for value in inertia]
-            )
         damping = self._system.viscous + np.array([size_at(self._hidden, "viscous", name) for name in self._system.joints])
         for number, value in zip(self._columns, damping, strict=True):
             self._world.changeDynamics(self._body, number, jointDamping=float(value))

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gsbridge.gap.joints.mechanism.inertials import Inertial, Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
@@ -52,6 +53,17 @@ def size_at(hidden: Mapping[str, float], name: str, joint: str) -> float:
         joint: Name of the joint.
     """
     return hidden.get(f"{name}:{joint}", hidden.get(name, 0.0))
+
+
+def true_links(skeleton: Skeleton, hidden: Mapping[str, float]) -> dict[str, Inertial]:
+    """Return the mass properties of the links as they are, without a payload, which no wrong mass of a link changes.
+
+    Args:
+        skeleton: The links as described.
+        hidden: Sizes of the hidden effects.
+    """
+    sizes = {link: size_at(hidden, "link_mass", joint) for joint, link in skeleton.child_of.items()}
+    return {link: body.scaled(1.0 + sizes.get(link, 0.0)) for link, body in skeleton.inertials.items()}
 
 
 class _Sizes:

@@ -18,7 +18,7 @@ import numpy as np
 
 from gsbridge.gap.benchmark.arm_loop import run_arm
 from gsbridge.gap.benchmark.generate import NotShownError
-from gsbridge.gap.benchmark.hidden_parts import PLACE, rest_of, size_at
+from gsbridge.gap.benchmark.hidden_parts import PLACE, rest_of, size_at, true_links
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
@@ -79,7 +79,7 @@ class MujocoTruth:
         system = self.system
         with tempfile.TemporaryDirectory(prefix="gsbridge-gap-") as folder:
             path = Path(folder) / "skeleton.urdf"
-            self._skeleton.write(path, self._skeleton.inertials)
+            self._skeleton.write(path, true_links(self._skeleton, hidden))
             spec = mujoco.MjSpec.from_file(str(path))
             spec.option.timestep = STEP
             spec.option.gravity = system.gravity.tolist()
@@ -117,10 +117,6 @@ class MujocoTruth:
             number = model.joint(name).id
             model.jnt_stiffness[number] = size_at(hidden, "spring", name)
             model.qpos_spring[model.joint(name).qposadr[0]] = rest_of(k, name in system.sliding)
-            body = model.body(self._skeleton.child_of[name]).id
-            change = 1.0 + size_at(hidden, "link_mass", name)
-            model.body_mass[body] *= change
-            model.body_inertia[body] *= change
             if size_at(hidden, "saturation", name):
                 limit = 1.0 / size_at(hidden, "saturation", name)
                 model.actuator_forcelimited[k], model.actuator_forcerange[k] = 1, (-limit, limit)
