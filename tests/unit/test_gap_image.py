@@ -99,7 +99,7 @@ def test_an_effect_in_the_expectation_predicts_the_photos(fine, hidden, effect, 
     """Against the truth's own formulation, by rays: the same effect on the earlier photo takes the difference away."""
     if values is None:
         # The truth says where the camera is in the frame of where it is thought to be.
-        values = {"x": 0.6 * 0.006, "y": 0.8 * 0.006, "z": 0.0, "about_x": 0.0, "about_y": 0.0, "about_z": -0.012}
+        values = {"x": 0.6 * 0.006, "y": 0.8 * 0.006, "z": 0.0, "about_x": 0.0, "about_y": 0.0, "about_z": 0.012}
     pairs = hidden_case(fine, hidden, moving=moving)["fit"]
     view = ImageResiduals(pairs, learn_noise([pairs]))
     plain, known = ((view.residual(effects) ** 2).sum() / view.numbers for effects in ((), (Applied(effect, "", values),)))

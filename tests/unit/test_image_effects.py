@@ -1,5 +1,6 @@
 """Image effects: each against an independent formulation, and all against what the catalogue promises."""
 
+import cv2
 import numpy as np
 import pytest
 from image_scene import CAMERA, dots, scene, track
@@ -9,6 +10,8 @@ from gsbridge.cameras import Camera, look_at
 from gsbridge.effects.images import IMAGE_EFFECTS, base
 from gsbridge.effects.images.camera_pipeline import Shooting
 from gsbridge.errors import InputError
+from gsbridge.gap.benchmark.image_truth import TruthCamera
+from gsbridge.gap.benchmark.image_world import ImageWorld
 from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.scene.photograph import softened, with_noise
 from gsbridge.scene.track import Track
@@ -237,8 +240,26 @@ def test_mount_moves_a_dot_as_the_projection_says():
     assert centre == pytest.approx(placed(DOT, np.linalg.inv(wrong)), abs=0.03)
     (centre,), _ = landed(taker.photos(path, np.zeros(1), shot("extrinsics", about_z=0.1)))
     x, y = placed(DOT, pose) - [32, 24]
-    turned = [32 + x * np.cos(0.1) - y * np.sin(0.1), 24 + x * np.sin(0.1) + y * np.cos(0.1)]
+    # A camera that turns clockwise, as seen along its view, shows everything turned counterclockwise.
+    turned = [32 + x * np.cos(0.1) + y * np.sin(0.1), 24 - x * np.sin(0.1) + y * np.cos(0.1)]
     assert centre == pytest.approx(turned, abs=0.03)
+
+
+def test_a_mount_moves_and_turns_as_the_pose_of_the_camera_in_the_benchmark():
+    """Each parameter by itself, and all of them: displacements along, and right-handed turns about, the nominal axes."""
+    sizes = {"x": 0.02, "y": -0.01, "z": 0.03, "about_x": 0.1, "about_y": -0.15, "about_z": 0.2}
+    for values in ({name: size} for name, size in sizes.items()):
+        ((name, size),) = values.items()
+        # The truth turns by twice its size about a, b and c.
+        turned = "about" in name
+        spin = {"abc"["xyz".index(name[-1])] if turned else name: 1.0}
+        truth = TruthCamera(ImageWorld.draw(0), CAMERA, {"extrinsics": 0.5 * size if turned else size}, spin)
+        np.testing.assert_allclose(np.linalg.inv(shot("extrinsics", **values).mount), truth.mount(), atol=1e-12)
+    whole = np.linalg.inv(shot("extrinsics", **sizes).mount)
+    np.testing.assert_allclose(whole[:3, 3], [0.02, -0.01, 0.03])
+    np.testing.assert_allclose(whole[:3, :3], cv2.Rodrigues(np.array([0.1, -0.15, 0.2]))[0], atol=1e-12)
+    # To the right, where x points.
+    assert np.linalg.inv(shot("extrinsics", about_y=0.1).mount)[0, 2] == pytest.approx(np.sin(0.1))
 
 
 def test_latency_shows_an_earlier_place():

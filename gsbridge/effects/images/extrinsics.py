@@ -38,7 +38,9 @@ class Extrinsics(ImageEffect):
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
         """Move and turn the camera in its own frame."""
+        # The camera's pose in its nominal frame, whose inverse maps points to the frame of the moved camera.
+        turn = Rotation.from_rotvec([values["about_x"], values["about_y"], values["about_z"]]).as_matrix()
         moved = np.eye(4)
-        moved[:3, :3] = Rotation.from_rotvec([values["about_x"], values["about_y"], values["about_z"]]).as_matrix()
-        moved[:3, 3] = -moved[:3, :3] @ np.array([values["x"], values["y"], values["z"]])
+        moved[:3, :3] = turn.T
+        moved[:3, 3] = -turn.T @ np.array([values["x"], values["y"], values["z"]])
         shooting.mount = moved @ shooting.mount
