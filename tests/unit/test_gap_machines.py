@@ -16,7 +16,9 @@ from gsbridge.gap.benchmark.body_visibility import BodyVisibility
 from gsbridge.gap.benchmark.generate import NotShownError, _joined
 from gsbridge.gap.benchmark.hidden_parts import Rubs, true_parameters
 from gsbridge.gap.benchmark.trajectories import course
+from gsbridge.gap.contact.body import parse_body
 from gsbridge.gap.contact.case import read_throw_case
+from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -210,6 +212,20 @@ def test_throws_of_mujoco_fall_by_gravity_before_they_touch():
         fall = throw.position[0] + throw.velocity * throw.time[:, None] - 4.5 * throw.time[:, None] ** 2 * [0, 0, 1]
         early = throw.time < 0.05
         assert np.allclose(throw.position[early], fall[early], atol=2e-5)
+
+
+def test_a_lag_is_listed_in_seconds_of_the_logs_clock(tmp_path):
+    """The replay of the diagnosis, in an engine of its own, flies as the truth does with the parameters that are listed."""
+    scene, listed = ThrowScene(edges=(0.08,) * 3, mass=0.3, friction=0.4, rate=120.0, duration=0.15, noise=(0.0, 0.0)), {}
+    body = parse_body(body_cases._model(scene), tmp_path)
+    for name, size in (("tracking_lag", 0.016), ("tracking_rate", 0.12)):
+        scene, listed[name] = body_cases.KNOWN[name].hide(scene, size, np.ones(3))
+    listed |= body_cases._beside_others(scene, list(listed))
+    replay = ThrowReplay(body, throw_box(scene, 8, 1), 0.15)
+    gaps = replay.gaps([Applied(name, "", values) for name, values in listed.items()])
+    assert gaps.max() < 5e-5
+    true = replay.gaps([Applied("tracking_lag", "", {"time": 0.016}), Applied("tracking_rate", "", {"share": 0.12})])
+    assert true.min() > 5e-4
 
 
 def test_equations_that_are_the_same_are_twins():

@@ -278,9 +278,7 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
         scene, parameters[name] = put(scene, size)
         hidden[name] = signs[name] * size
         found = max(found, shown)
-    if "object_com" in entries and "linear_damping" in entries:
-        # This damping acts beside the shifted centre of mass, unlike the catalogue's law, so it has no true parameter.
-        parameters["linear_damping"] = {}
+    parameters |= _beside_others(scene, names)
     if len(names) > 1 and seen.units(scene) < _TOGETHER * units:
         raise NotShownError(names[-1], f"{' and '.join(names)} hardly show together in a {bare.shape}")
     try:
@@ -291,6 +289,23 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
         raise NotShownError(names[-1], f"with {' and '.join(names)}, {error}") from error
     settings = {"shape": bare.shape, "edges": list(bare.edges), "mass": bare.mass, "slowness": bare.slowness}
     return BodyCase(hidden, parameters, found, model, files, throws, settings)
+
+
+def _beside_others(scene: ThrowScene, names: Sequence[str]) -> dict[str, Parameters]:
+    """Return the true parameters that another hidden effect changes.
+
+    Args:
+        scene: The scene with all hidden effects.
+        names: Names of the hidden effects.
+    """
+    out: dict[str, Parameters] = {}
+    if "object_com" in names and "linear_damping" in names:
+        # This damping acts beside the shifted centre of mass, unlike the catalogue's law, so it has no true parameter.
+        out["linear_damping"] = {}
+    if "tracking_lag" in names and scene.lag is not None:
+        # The catalogue counts the lag in seconds of the log's clock.
+        out["tracking_lag"] = {"time": scene.lag * scene.clock}
+    return out
 
 
 def _drawn_scene(shape: str, names: tuple[str, ...], rng: np.random.Generator) -> ThrowScene:
