@@ -35,6 +35,8 @@ from gsbridge.gap.benchmark.twins import twins_of
 from gsbridge.gap.benchmark.verdicts import JudgedCase
 from gsbridge.gap.diagnosis.results import says_likely
 from gsbridge.gap.formats.records import Record
+from gsbridge.gap.image.model import shooting
+from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.mechanism.setup import smoothed
@@ -520,6 +522,20 @@ def test_closure_of_photos_is_whole_with_the_truth_and_nothing_without(tmp_path)
     assert closure == pytest.approx(1.0, abs=0.02)
     assert photo_closure(tmp_path, case.clean, case.plain, [])[0] == pytest.approx(0.0, abs=1e-6)
     assert photo_closure(tmp_path, case.plain, case.plain, [])[0] is None
+
+
+def test_what_remains_in_photos_is_the_mean_over_the_pixels_that_are_compared(tmp_path):
+    case = draw_image_case(photo_site(5), ("exposure",), 60.0, 4, moving=False)
+    write_photos(tmp_path, case.pairs)
+    pairs = read_photos(tmp_path)
+    squares = []
+    for photos in (case.clean, case.plain):
+        shown = replace(pairs["verify"], after=photos.astype(np.float32))
+        view = ImageResiduals(shown, learn_noise(list(pairs.values())), compare_noise=False)
+        assert 0.3 < view.mask.mean() < 0.9
+        squares.append((view.apart(shooting())[view.mask > 0].astype(np.float64) ** 2).mean())
+    left = photo_closure(tmp_path, case.clean, case.plain, [])[1]
+    assert left == pytest.approx(np.sqrt(squares[0] - squares[1]), rel=1e-6)
 
 
 def test_baselines_of_photos_name_what_is_plain(tmp_path):

@@ -119,7 +119,7 @@ def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Seque
 
     def gap(photos: Array, with_effects: Sequence[Applied]) -> float:
         view = ImageResiduals(replace(pairs["verify"], after=photos.astype(np.float32)), noise, compare_noise=False)
-        return float(np.sqrt((view.residual(with_effects).astype(np.float64) ** 2).mean()))
+        return view.size_of(view.residual(with_effects))
 
     floor, before, after = gap(plain, ()), gap(clean, ()), gap(clean, effects)
     closure = 1.0 - max(after - floor, 0.0) / (before - floor) if before > floor else None
