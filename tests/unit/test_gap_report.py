@@ -16,7 +16,7 @@ from gsbridge.gap.diagnosis.residual_map import LEVEL, few_false
 from gsbridge.gap.joints.residual_map import GROUPS
 from gsbridge.report.gap.page import CaseFiles, write_gap_report
 from gsbridge.report.gap.rows import COLUMNS, write_gap_rows
-from gsbridge.report.gap.text import effect_title, explanation_title, most, next_steps
+from gsbridge.report.gap.text import effect_title, explanation_title, most, next_steps, remains
 from gsbridge.report.recordings.gap import enlargement, lines, place_joints, record_gap
 from gsbridge.report.tables.rows import read_rows
 
@@ -48,6 +48,23 @@ def test_the_page_says_all_that_is_asked_for(tmp_path):
     assert re.search(r'torque, <span class="unit">N m</span></td>', text)
     assert text.count("<img") == 3
     assert "with reserve" not in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "p", "said"),
+    [
+        ("no_discrepancy", 0.6, "Nothing beyond the noise."),
+        ("not_enough_excitation", 0.6, "Nothing beyond the noise."),
+        ("not_enough_excitation", 1e-4, "All of it: the difference shows on 'select' alone, so that nothing could be learnt"),
+        ("not_attributable", 1e-4, "All of it: nothing learnt from some throws holds on others."),
+        ("none_of_the_known", 1e-4, "All of it: no effect was fitted."),
+    ],
+)
+def test_what_remains_is_nothing_where_nothing_shows_and_all_where_nothing_explains(verdict, p, said):
+    """As the sentences of the findings say."""
+    found = {**findings(), "verdict": verdict, "effects": [], "p_value": p, "p_remaining": p}
+    nowhere = {"values": [[0.5]], "marked": [[False]], "channels": ["position"], "groups": {"phase": ["flight"]}}
+    assert remains(found, nowhere).startswith(said)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import numpy as np
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.gap.diagnosis.chances import p_sentence
-from gsbridge.gap.diagnosis.results import says_likely
+from gsbridge.gap.diagnosis.results import Rules, says_likely
 from gsbridge.report.gap.figures import channel_name
 
 LABELS = {
@@ -23,6 +23,12 @@ LABELS = {
     "not_enough_excitation": ("not enough excitation", "warn"),
 }
 """Title of each verdict, and its tone: whether it is an answer. `likely` stands for findings of which `says_likely` is true."""
+
+_UNFITTED = {
+    "not_attributable": "nothing learnt from some throws holds on others",
+    "not_enough_excitation": "the difference shows on 'select' alone, so that nothing could be learnt from 'fit'",
+}
+"""Reasons why nothing is explained, by verdict; otherwise no effect was fitted."""
 
 
 def head(found: Mapping[str, Any]) -> dict[str, Any]:
@@ -144,10 +150,12 @@ def remains(findings: Mapping[str, Any], after: Mapping[str, Any]) -> str:
         after: Map of the residuals that remain on the record `select`.
     """
     where = most(after, findings["select"]["unit"])
-    if findings["verdict"] == "no_discrepancy":
+    verdict = findings["verdict"]
+    if verdict == "no_discrepancy" or (verdict == "not_enough_excitation" and findings["p_value"] >= Rules.alarm):
         return "Nothing beyond the noise."
     if not findings["effects"]:
-        return "All of it: no effect was fitted." + (f" Most of it: {where}." if where else "")
+        why = _UNFITTED.get(verdict, "no effect was fitted")
+        return f"All of it: {why}." + (f" Most of it: {where}." if where else "")
     if not findings["something_remains"]:
         return f"Nothing beyond the noise ({p_sentence(findings['p_remaining'])})."
     left = f"More than noise ({p_sentence(findings['p_remaining'])})."
