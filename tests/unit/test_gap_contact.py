@@ -110,6 +110,27 @@ def test_throws_survive_their_file(tmp_path):
         assert np.allclose(np.abs((one.quat * other.quat).sum(axis=1)), 1.0)
 
 
+def test_start_speeds_may_stand_in_the_first_row_of_each_throw_alone(tmp_path):
+    import pandas as pd
+
+    throws, _ = ballistic(3, speeds=True)
+    write_throws(tmp_path / "all.csv", throws)
+    table = pd.read_csv(tmp_path / "all.csv")
+    first, speeds = ~table["throw"].duplicated(), [name for name in table if "velocity" in name]
+    assert len(speeds) == 6
+    table[speeds] = table[speeds].where(first)
+    table.to_csv(tmp_path / "first.csv", index=False)
+    for one, other in zip(throws.items, read_throws(tmp_path / "first.csv").items, strict=True):
+        assert np.allclose(one.velocity, other.velocity, atol=1e-12)
+        assert np.allclose(one.spin, other.spin, atol=1e-12)
+    row = int(np.flatnonzero(first)[1])
+    for value, said in ((np.nan, "no number"), (1e40, "holds 1e[+]40")):
+        table.loc[row, "velocity.y [m/s]"] = value
+        table.to_csv(tmp_path / "bad.csv", index=False)
+        with pytest.raises(InputError, match=f"velocity.y.*{said} in data row {row + 1}"):
+            read_throws(tmp_path / "bad.csv")
+
+
 def test_throws_keep_their_own_numbers(tmp_path):
     throws, _ = ballistic(3)
     named = Throws(tuple(replace(throw, name=name) for throw, name in zip(throws.items, ("12", "7", "41"), strict=True)))

@@ -127,18 +127,23 @@ def _natural(path: Path) -> tuple[int, str]:
 def _throws_of(columns: Columns, *, alone: bool) -> list[Throw]:
     """Read all throws of one file; `alone` says that the file is a single throw."""
     source = columns.source
+    time = columns.need("time", "time")
+    number = None if alone else columns.need("throw", "number")
+    names = [source.stem] if number is None else list(dict.fromkeys(number.tolist()))
+    places = [np.arange(len(time)) if number is None else np.flatnonzero(number == name) for name in names]
 
-    def optional(kind: str, dimension: str) -> Array | None:
-        found = [columns.get(f"{kind}.{name}", dimension) for name in _AXES]
+    def at_start(kind: str, dimension: str) -> Array | None:
+        """Return the values in the first row of each throw, which alone count and may be the only ones. [N, 3]."""
+        first = np.array([rows[0] for rows in places])
+        found = [columns.get(f"{kind}.{name}", dimension, first) for name in _AXES]
         present = [values for values in found if values is not None]
         if present and len(present) < len(found):
             raise InputError(source, f"'{kind}' lacks a component", f"Give {kind}.{{{','.join(_AXES)}}}, or none")
         return np.stack(present, axis=1) if present else None
 
-    time = columns.need("time", "time")
     position = np.stack([columns.need(f"position.{name}", "length") for name in _AXES], axis=1)
     quat = np.stack([columns.need(f"orientation.{name}", "number") for name in "w" + _AXES], axis=1)
-    velocity, spin = optional("velocity", "speed"), optional("angular_velocity", "angular speed")
+    velocity, spin = at_start("velocity", "speed"), at_start("angular_velocity", "angular speed")
     lengths = np.linalg.norm(quat, axis=1)
     worst = int(np.abs(lengths - 1.0).argmax())
     if abs(lengths[worst] - 1.0) > _UNIT_NORM:
@@ -146,11 +151,8 @@ def _throws_of(columns: Columns, *, alone: bool) -> list[Throw]:
             source, f"the quaternion of data row {worst + 1} has the length {lengths[worst]:.3g}",
             "Log unit quaternions, orientation.w first",
         )  # fmt: skip
-    number = None if alone else columns.need("throw", "number")
-    names = [source.stem] if number is None else list(dict.fromkeys(number.tolist()))
     out = []
-    for name in names:
-        rows = np.arange(len(time)) if number is None else np.flatnonzero(number == name)
+    for place, (name, rows) in enumerate(zip(names, places, strict=True)):
         title = name if isinstance(name, str) else f"{name:g}"
         _check_clock(time[rows], source, title)
         out.append(
@@ -159,8 +161,8 @@ def _throws_of(columns: Columns, *, alone: bool) -> list[Throw]:
                 time[rows] - time[rows[0]],
                 position[rows],
                 quat[rows] / lengths[rows, None],
-                None if velocity is None else velocity[rows[0]],
-                None if spin is None else spin[rows[0]],
+                None if velocity is None else velocity[place],
+                None if spin is None else spin[place],
             )
         )
     return out

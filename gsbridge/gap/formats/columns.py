@@ -179,12 +179,13 @@ class Columns:
     gains: Mapping[str, float] = field(default_factory=dict)
     headers: bool = True
 
-    def get(self, ours: str, dimension: str) -> Array | None:
+    def get(self, ours: str, dimension: str, rows: Array | None = None) -> Array | None:
         """Return a column's values in SI units, or None if there is no such column. [T].
 
         Args:
             ours: Our name of the column.
             dimension: A key of `gsbridge.gap.formats.units.FACTORS`.
+            rows: Rows that are read and returned, from 0; None for all. [T].
 
         Raises:
             InputError: The unit is missing, unknown or stated twice differently, or a value is not a number or far too large.
@@ -201,8 +202,10 @@ class Columns:
                 "Keep the one that was logged",
             )  # fmt: skip
         stated = stated if stated is not None else beside
-        values = pd.to_numeric(self.table[headers[theirs]], errors="coerce").to_numpy(dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(values))
+        column = self.table[headers[theirs]] if rows is None else self.table[headers[theirs]].iloc[rows]
+        rows = np.arange(len(column)) if rows is None else rows
+        values = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64)
+        bad = rows[~np.isfinite(values)]
         if len(bad):
             held = self.table[headers[theirs]].iloc[bad[0]]
             what = f" but '{held[:_SHOWN]}'" if isinstance(held, str) and held.strip() else ""
@@ -223,7 +226,8 @@ class Columns:
         large = np.flatnonzero(~(np.abs(values) < _LARGEST))
         if len(large):
             raise InputError(
-                self.source, f"the column '{theirs}' holds {values[large[0]]:.3g} in data row {large[0] + 1}, beyond measure",
+                self.source,
+                f"the column '{theirs}' holds {values[large[0]]:.3g} in data row {rows[large[0]] + 1}, beyond measure",
                 "Mend or remove such rows",
             )  # fmt: skip
         return values
