@@ -153,6 +153,15 @@ class MirrorStudio:
         edge = self.size + 2 * pad
         return camera.cropped(-pad, -pad, edge, edge).scaled(FINE)
 
+    def _places(self, pose: Array) -> Array:
+        """Return the points that the pixels of `_traced` show, table frame, m; infinity where there is nothing. [H, W, 3]."""
+        camera, wide = self.world.camera, self._wide()
+        parts = camera._mi.load_dict({"type": "aov", "aovs": "place:position,far:depth"})
+        # One sample in each fine pixel, since points of several surfaces must not be averaged.
+        sensor = camera._sensor(wide, pose, Quality(1))
+        table = np.array(camera._mi.render(camera._scene, sensor=sensor, integrator=parts, seed=0), np.float64)
+        return np.where(table[..., -1:] > 0.0, table[..., -4:-1], np.inf)
+
     def _photo(self, fault: PlantedFault, plain: Array, pose: Array, number: int) -> Array:
         """Take one photo with one fault. uint8 [S, S, 3]."""
         sizes = {fault.name: fault.size} if fault.name else {}
@@ -169,24 +178,22 @@ class MirrorStudio:
             (focus * rays[:, k] + middle - 0.5).reshape(FINE * self.size, -1).astype(np.float32)
             for k, focus, middle in ((0, wide.fx, wide.cx), (1, wide.fy, wide.cy))
         )
-        light = np.asarray(
-            cv2.remap(plain.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        )
+
+        def bent(light: Array) -> Array:
+            """Return the light along `rays`, from light on the grid of `_traced`. [FINE * S, FINE * S, 3]."""
+            fine = light.astype(np.float32)
+            return np.asarray(cv2.remap(fine, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+        light = bent(plain)
         usual = cv2.resize(light, (self.size, self.size), interpolation=cv2.INTER_AREA)
         if fault.name == "shadow":
-            light = light * truth.lamp(_on_table(rays, pose)).reshape(*light.shape[:2], 1)
+            # The shadow falls on whatever a pixel shows, such as the gripper, which is nearer than the table behind it.
+            light = bent(plain * truth.lamp(self._places(pose).reshape(-1, 3)).reshape(*plain.shape[:2], 1))
         gathered = truth.gathered(light)
         electronics = Electronics(hidden, 0.05)
         # The gains follow the light without the fault, as on the first day.
         encoded = expose(gathered, hidden, np.random.default_rng([number, 2]), electronics.gains(usual)) / np.float32(255.0)
         return to_u8(truth.developed(encoded))
-
-
-def _on_table(rays: Array, cam_from_table: Array) -> Array:
-    """Return the points at which rays of the camera meet the table, m. [R, 3] -> [R, 3]."""
-    turned = rays @ cam_from_table[:3, :3]
-    centre = -cam_from_table[:3, :3].T @ cam_from_table[:3, 3]
-    return np.asarray(centre + turned * (-centre[2] / np.minimum(turned[:, 2], -1e-6))[:, None])
 
 
 _NOTHING = ImageWorld.draw(0)
