@@ -16,7 +16,7 @@ from gsbridge.gap.diagnosis.verdict import transfer
 from gsbridge.gap.formats.quantum import quantum_of
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.coherence import _pairs, coherence_p, line_p, related, without_witness
-from gsbridge.gap.joints.detect import block_means, joint_null
+from gsbridge.gap.joints.detect import SCALES, block_means, excess, joint_null
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.noise import pooled, white_noise
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -82,6 +82,16 @@ def test_block_means_keep_the_size_of_white_noise():
     noise = np.random.default_rng(0).normal(size=(20000, 1))
     for scale in (1, 4, 16):
         assert block_means(noise, scale).std() == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("count", [11, 63, 64, 65])
+def test_records_shorter_than_the_longest_block_are_judged_by_shorter_blocks(count):
+    # The mean of n squared normal variables has mean 1 and standard deviation sqrt(2 / n).
+    rng = np.random.default_rng(count)
+    found = np.stack([excess(rng.standard_normal((count, 2))) for _ in range(4000)])
+    assert found.shape[1] == 3 * sum(scale <= count for scale in SCALES)
+    np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=0.08)
+    np.testing.assert_allclose(found.std(axis=0), 1.0, atol=0.12)
 
 
 def test_p_values_of_noise_are_those_of_chance_and_small_for_a_trend(views):

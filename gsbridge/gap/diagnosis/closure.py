@@ -28,7 +28,7 @@ _ALLOWED = 0.02
 def block_means(residual: Array, scale: int) -> Array:
     """Average over blocks, times the root of the block length so that white noise keeps its size. [T, C] -> [T // scale, C]."""
     rows = len(residual) // scale
-    return residual[: rows * scale].reshape(rows, scale, -1).sum(axis=1) / np.sqrt(scale)
+    return residual[: rows * scale].reshape(rows, scale, residual.shape[1]).sum(axis=1) / np.sqrt(scale)
 
 
 def closed(before: Array, after: Array, share: float) -> float:

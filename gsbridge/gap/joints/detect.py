@@ -38,10 +38,11 @@ def excess(residual: Array) -> Array:
         residual: Whitened residual. [T, C].
 
     Returns:
-        For each of the S `SCALES`: the excess of each channel, then that of all channels. [S * (C + 1)].
+        For each of the S `SCALES` that are no longer than the residual: the excess of each channel, then that of all channels.
+        [S * (C + 1)].
     """
     out = []
-    for scale in SCALES:
+    for scale in [scale for scale in SCALES if scale <= len(residual)]:
         squares = block_means(residual, scale) ** 2
         rows, count = squares.shape
         out.append((squares.sum(axis=0) - rows) / np.sqrt(2.0 * rows))

@@ -166,7 +166,7 @@ def _floor(views: Sequence[JointResiduals], effects: Sequence[Applied]) -> dict[
     out = np.zeros(len(first.channels))
     for view in views:
         left = view.residual(effects) * view.sigma
-        for scale in SCALES:
+        for scale in [scale for scale in SCALES if scale <= len(left)]:
             out = np.maximum(out, np.sqrt((block_means(left, scale) ** 2).mean(axis=0)))
     kinds = dict.fromkeys(kind for kind, _ in first.channels)
     return {kind: np.array([out[c] for c, (found, _) in enumerate(first.channels) if found == kind]) for kind in kinds}
