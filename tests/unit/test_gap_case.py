@@ -79,6 +79,18 @@ def test_a_model_that_runs_away_by_itself_is_refused(tmp_path):
     assert error.value.source == str(tmp_path / "model.yaml")
 
 
+@pytest.mark.parametrize("mode", ["free", "torque"])
+def test_repeats_need_a_controller_that_leads_them_to_the_same_positions(tmp_path, mode):
+    """Two perfect logs of one swing differ by up to its speed times the time by which one of them begins later."""
+    case = write_case(tmp_path, repeats={"fit": "again.csv"})
+    write_model(tmp_path, controller={"mode": mode})
+    assert f"'repeats' tell nothing in mode {mode}, where no controller leads" in refused(case)
+    content = yaml.safe_load(case.read_text())
+    case.write_text(yaml.safe_dump(content | {"repeats": None}))
+    if mode == "free":
+        assert read_joint_case(case).records["fit"].tolerance == {}
+
+
 def test_a_log_that_rests_has_nothing_to_fit(tmp_path):
     case = write_case(tmp_path)
     still = log(1).assign(**{"command.rail [m]": 0.1})

@@ -32,17 +32,11 @@ from gsbridge.gap.formats.records import (
 from gsbridge.gap.formats.yaml_file import read_case_file, stated_number
 from gsbridge.gap.joints.mechanism.description import read_mechanism_description
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
-from gsbridge.gap.joints.noise import white_noise
+from gsbridge.gap.joints.repeats import refuse_repeats, scatter_of
 from gsbridge.geometry import Array
 from gsbridge.reading import refusing
 
 _KEYS = ("model", "records", "repeats", "columns", "units", "torque_per_ampere", "noise", "tolerance", "effects")
-
-_BLOCK = 16
-"""Samples per block over which the difference of two repeats is averaged; it keeps what changes more slowly than noise."""
-
-_COMMANDED_ALIKE = 1e-6
-"""Largest difference of two records' commands, rad, at which they count as repeats of one motion."""
 
 _LIGHT = 0.02
 """Share of a mechanism's mass up to which a part that wrongly stands still in the model needs no warning."""
@@ -101,6 +95,7 @@ def _joint_case(path: Path) -> JointCase:
     system = read_mechanism_model(model)
     held = _held(system)
     _check_sections(content, path, (*system.joints, *held))
+    refuse_repeats(content, system.controller, path)
     gains = _gains(content.get("torque_per_ampere"), system.joints, path)
     reasons = []
     if gains:
@@ -150,7 +145,7 @@ def _joint_case(path: Path) -> JointCase:
             raise InputError(path, f"there are repeats of '{role}', but no such record", f"Name it: {', '.join(records)}")
         for file in files if isinstance(files, list) else [files]:
             again = _read(path.parent / str(file), layout, system, content)[0]
-            for kind, values in _scatter(records[role], again, path.parent / file).items():
+            for kind, values in scatter_of(records[role], again, path.parent / file).items():
                 scatter[kind] = np.maximum(scatter.get(kind, 0.0), values)
     for role, record in records.items():
         wider = {kind: np.maximum(record.tolerance.get(kind, 0.0), values) for kind, values in scatter.items()}
@@ -330,26 +325,6 @@ def _without(record: Record, kind: str) -> Record:
     parts = (record.measured, record.quantum, record.sigma, record.tolerance)
     kept = [{name: values for name, values in part.items() if name != kind} for part in parts]
     return replace(record, measured=kept[0], quantum=kept[1], sigma=kept[2], tolerance=kept[3])
-
-
-def _scatter(record: Record, again: Record, source: Path) -> dict[str, Array]:
-    """Estimate how far repeats of one motion differ beyond the noise: deviation per record, by kind of channel. Each [N].
-
-    Raises:
-        InputError: The two records have different commands or are too short.
-    """
-    rows = min(len(record.time), len(again.time))
-    sent = [item.commands.get("command", np.zeros((rows, 1)))[:rows] for item in (record, again)]
-    if rows < 4 * _BLOCK or np.abs(sent[0] - sent[1]).max() > _COMMANDED_ALIKE:
-        raise InputError(
-            source, "it repeats no record: its commands differ", "Send the same commands again, as often per second"
-        )
-    out = {}
-    for kind in set(record.measured) & set(again.measured):
-        apart = (record.measured[kind][:rows] - again.measured[kind][:rows]) / np.sqrt(2.0)
-        means = apart[: rows // _BLOCK * _BLOCK].reshape(-1, _BLOCK, apart.shape[1]).mean(axis=1)
-        out[kind] = np.sqrt(np.maximum((means**2).mean(axis=0) - white_noise(apart) ** 2 / _BLOCK, 0.0))
-    return out
 
 
 def _per_column(key: str, value: float | list[float], count: int, low: float, source: Path) -> Array:

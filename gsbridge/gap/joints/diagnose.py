@@ -63,7 +63,7 @@ _LOUD = 2.0
 _COLOURED = (
     "The noise remembers itself for up to {memory:.0f} ms, as that of a filter in a sensor does, and exceeds what neighbouring "
     "samples show. It was taken from what the effects leave, in which no channel moves with another. To be sure of it, log one "
-    "motion twice and name it under 'repeats'."
+    "motion twice and name it under 'repeats', or state a 'tolerance'."
 )
 
 
