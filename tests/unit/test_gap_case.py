@@ -6,8 +6,10 @@ from test_gap_sliding import STIFFNESS, log, write_case, write_model
 
 from gsbridge.errors import InputError
 from gsbridge.gap.joints.case import read_joint_case
-from gsbridge.gap.joints.effort_scale import EffortScale
+from gsbridge.gap.joints.diagnose import views_of
+from gsbridge.gap.joints.effort_scale import EffortScale, effort_scale
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.workflow import JointBackend
 
 
@@ -126,3 +128,30 @@ def test_efforts_of_the_other_sign_are_to_be_turned(scale, told):
     said = EffortScale({"shoulder": 1.0, "elbow": scale}, 900.0, 4.0, 1).sentence
     assert ("turn the sign of the efforts of elbow, and check the unit" in said) == told
     assert "check the unit of the efforts" in said
+
+
+@pytest.mark.parametrize("lacking", ["fit", "select"])
+def test_columns_that_one_record_lacks_are_left_out_of_all(tmp_path, lacking):
+    """The case is then the same as one in which no record has these columns."""
+    scales = []
+    for without in ((lacking,), ("fit", "select", "verify")):
+        case = write_case(tmp_path, noise={"velocity": 2e-4})
+        for number, role in enumerate(("fit", "select", "verify")):
+            dropped = ["velocity.rail [mm/s]"] if role in without else []
+            log(number).drop(columns=dropped).to_csv(tmp_path / f"{role}.csv", index=False)
+        found = read_joint_case(case)
+        told = f"the columns of 'velocity' are missing in the record '{lacking}': they were left out of the others, too"
+        assert (told in found.reasons) == (len(without) == 1)
+        assert [sorted(record.measured) for record in found.records.values()] == [["effort", "position"]] * 3
+        assert not any("velocity" in record.sigma for record in found.records.values())
+        views = views_of(Mechanism(found.system), found.records)
+        scales.append(effort_scale((views["fit"], views["select"])).scales["rail"])
+    assert scales[0] == scales[1]
+
+
+def test_records_that_share_no_positions_are_refused(tmp_path):
+    case = write_case(tmp_path)
+    write_model(tmp_path, tool="carriage")
+    tool = {"tool.x [m]": 0.0, "tool.y [m]": 0.0, "tool.z [m]": 0.0}
+    log(1).drop(columns="position.rail [mm]").assign(**tool).to_csv(tmp_path / "select.csv", index=False)
+    assert "some records log the joints' positions and others the tool's, which cannot be compared" in refused(case)

@@ -16,6 +16,7 @@ from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.clock import steadied, unbroken
 from gsbridge.gap.formats.following import check_following, differenced
+from gsbridge.gap.formats.kinds import shared_kinds, without
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.quantum import shared_steps
 from gsbridge.gap.formats.records import (
@@ -133,11 +134,13 @@ def _joint_case(path: Path) -> JointCase:
             f"time stamps scatter by {1e3 * max(scattered.values()):.2g} ms about a steady clock ({rates}), by which the "
             "motion is much smoother: its times were taken"
         )
+    records, missing = shared_kinds(records, () if system.controller.closed_loop else ("effort",), path)
+    reasons += missing
     quanta = shared_steps([record.measured for record in records.values()], [record.quantum for record in records.values()])
     records = {role: replace(records[role], quantum=steps) for role, steps in zip(records, quanta, strict=True)}
     reasons += _repeated(records)
     if all(differenced(record) for record in records.values()):
-        records = {role: _without(record, "velocity") for role, record in records.items()}
+        records = {role: without(record, "velocity") for role, record in records.items()}
         reasons.append("the speeds are differences of the logged positions, which say the same: they were left out")
     scatter: dict[str, Array] = {}
     for role, files in (content.get("repeats") or {}).items():
@@ -299,7 +302,7 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
         )
     if TOOL in record.measured and not system.tool and "position" in record.measured:
         # The log holds more than the model needs.
-        record = _without(record, TOOL)
+        record = without(record, TOOL)
     if TOOL in record.measured and not system.tool:
         raise InputError(source, "it has columns 'tool.x', but the model does not say which link that is", "Add 'tool: LINK'")
     if "position" not in record.measured and not system.controller.closed_loop:
@@ -318,13 +321,6 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
         for key, low in (("noise", _FINEST), ("tolerance", 0.0))
     }
     return replace(record, sigma=stated["noise"], tolerance=stated["tolerance"])
-
-
-def _without(record: Record, kind: str) -> Record:
-    """Drop one kind of measurement from a record, with its quantum, noise and tolerance."""
-    parts = (record.measured, record.quantum, record.sigma, record.tolerance)
-    kept = [{name: values for name, values in part.items() if name != kind} for part in parts]
-    return replace(record, measured=kept[0], quantum=kept[1], sigma=kept[2], tolerance=kept[3])
 
 
 def _per_column(key: str, value: float | list[float], count: int, low: float, source: Path) -> Array:
