@@ -52,6 +52,7 @@ class Effect(ABC):
         tell_apart: The experiment that separates this effect from those.
         contains: Names of effects that are special cases of this one, with some of its amplitudes at zero.
         sizes: Multiples of the typical size, or of the smallest size above the noise, at which signatures are simulated.
+        alone: Whether a model may hold the effect only once on the same thing, since two shapes do not add up to one.
         reason: Why the simulation cannot reproduce the effect, so that a model file cannot hold it; empty where it can.
         instead: What a user can do if the simulation cannot reproduce the effect.
     """
@@ -66,6 +67,7 @@ class Effect(ABC):
     tell_apart: ClassVar[str]
     contains: ClassVar[tuple[str, ...]] = ()
     sizes: ClassVar[tuple[float, ...]] = (1.0,)
+    alone: ClassVar[bool] = False
     reason: ClassVar[str] = ""
     instead: ClassVar[str] = ""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -101,7 +101,8 @@ def read_effects(
         joints: Names of the model's joints; None to skip the check of joint names.
 
     Raises:
-        InputError: `items` is no list; an effect, joint or parameter is unknown or missing; or a value is outside its range.
+        InputError: `items` is no list; an effect, joint or parameter is unknown or missing; a value is outside its range; or an
+            effect that a model may hold only once is listed twice.
     """
     if not isinstance(items, list):
         raise InputError(source, "'effects' is no list", "Write effects: [] or a list of {name, parameters}")
@@ -122,7 +123,29 @@ def read_effects(
             for p in effect.parameters
         }
         effects.append(Applied(applied.name, applied.joint, values))
+    refuse_doubles(effects, source, *registries)
     return tuple(effects)
+
+
+def refuse_doubles(effects: Sequence[Applied], source: str | Path, *registries: Registry[Any]) -> None:
+    """Refuse a second entry of an effect that a model may hold only once on the same thing.
+
+    Args:
+        effects: Entries of a model.
+        source: The file, for messages.
+        registries: Effects that the model may hold.
+
+    Raises:
+        InputError: There is such an entry.
+    """
+    places = [(applied.name, applied.joint) for applied in effects]
+    for applied, place in zip(effects, places, strict=True):
+        if places.count(place) > 1 and effect_of(applied, *registries, source=source).alone:
+            where = f" of joint '{applied.joint}'" if applied.joint else ""
+            raise InputError(
+                source, f"'effects' lists '{applied.name}'{where} {places.count(place)} times, which do not add up to one law",
+                "Keep one of these entries",
+            )  # fmt: skip
 
 
 _ACTS_ON = {"joint": "mechanisms", "mechanism": "mechanisms", "body": "thrown bodies", "camera": "pictures"}

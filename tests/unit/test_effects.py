@@ -130,6 +130,10 @@ def test_a_list_of_effects_is_read():
         ([{"name": "coulomb", "parameters": {"torque": 1}}], "a joint is unknown or missing"),
         ([{"name": "coulomb", "joint": "knee", "parameters": {"torque": 1}}], "no joint 'knee'. Use elbow"),
         ([{"name": "lag", "joint": "elbow", "parameters": {"time": 0.1}}], "and no joint"),
+        (
+            2 * [{"name": "stribeck", "joint": "elbow", "parameters": {"torque": 1, "speed": 0.1}}],
+            "lists 'stribeck' of joint 'elbow' 2 times, which do not add up to one law",
+        ),
     ],
 )
 def test_a_wrong_list_of_effects_is_refused(items, said):

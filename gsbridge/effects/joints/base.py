@@ -105,7 +105,18 @@ class FigureEffect(JointEffect):
     figures: ClassVar[Mapping[str, str]]
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Add each amplitude to its row of the law; a shape parameter replaces the value there."""
-        for parameter in self.parameters:
-            row = setup.law[self.figures[parameter.name]]
-            row[joint] = values[parameter.name] + (row[joint] if parameter.amplitude else 0.0)
+        """Add each amplitude to its row of the law; a shape parameter replaces the value there.
+
+        A shape parameter that an amplitude weights becomes the weighted mean with the value there, as two springs make one.
+        """
+        # Shapes come first, while the amplitudes are still those of the earlier entries.
+        for parameter in sorted(self.parameters, key=lambda parameter: parameter.amplitude):
+            row, value = setup.law[self.figures[parameter.name]], values[parameter.name]
+            weight = setup.law[self.figures[parameter.weighted_by]][joint] if parameter.weighted_by else 0.0
+            if parameter.amplitude:
+                row[joint] += value
+            elif weight:
+                own = values[parameter.weighted_by]
+                row[joint] = (weight * row[joint] + own * value) / (weight + own)
+            else:
+                row[joint] = value

@@ -17,6 +17,7 @@ class Ripple(FigureEffect):
     figures = {"sine": "ripple_sine", "cosine": "ripple_cosine", "waves": "ripple_waves"}  # noqa: RUF012
     blends = False
     sizes = (1.0,)
+    alone = True
     signature = "effort periodic in the angle"
     confused_with = ("eccentricity",)
     tell_apart = "slow constant speed: an eccentric encoder leaves the effort alone"

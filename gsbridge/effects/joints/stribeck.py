@@ -15,6 +15,7 @@ class Stribeck(FigureEffect):
     )
     figures = {"torque": "stribeck", "speed": "stribeck_speed"}  # noqa: RUF012
     sticks = True
+    alone = True
     signature = "a bump of effort near zero speed only"
     confused_with = ("backlash", "coulomb")
     tell_apart = "a very slow sine"

@@ -21,6 +21,7 @@ class Table(JointEffect):
     threshold = True
     fixed = True
     sizes = (2.0, 50.0)
+    alone = True
     signature = "several joints at once fall short of their commands, in low postures only"
     confused_with = ("payload", "encoder_offset")
     tell_apart = "the same motion a hand's breadth higher"

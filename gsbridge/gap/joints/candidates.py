@@ -101,6 +101,8 @@ def candidates(
 ) -> tuple[JointCandidate, ...]:
     """List all candidates of a mechanism, or only those of the effects in `names`.
 
+    An effect that a model may hold only once is no candidate where the model has it.
+
     Args:
         view: A record and the mechanism that replays it.
         names: Effects that may be the cause; None for the whole catalogue.
@@ -113,11 +115,12 @@ def candidates(
         if name == "damping" and len(system.joints) < 2:
             # With a single joint, `damping` is the same as `gain_d`.
             continue
-        if name == "table":
+        held = {applied.joint for applied in system.effects if applied.name == name and effect.alone}
+        if name == "table" and not held:
             heights = _heights((view, *others))
             out += [JointCandidate(name, heights=heights)] if heights else []
             continue
-        joints = system.joints if effect.scope == "joint" else ("",)
+        joints = [joint for joint in (system.joints if effect.scope == "joint" else ("",)) if joint not in held]
         sliding = set(system.sliding)
         out += [JointCandidate(name, joint, joint in sliding) for joint in joints if not (effect.turns and joint in sliding)]
     return tuple(out)

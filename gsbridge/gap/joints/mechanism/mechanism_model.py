@@ -13,7 +13,7 @@ import numpy as np
 
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.joints.sliding import SLIDING_EFFECTS
-from gsbridge.effects.registry import Applied, read_effects
+from gsbridge.effects.registry import Applied, read_effects, refuse_doubles
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import plain_number, read_yaml
 from gsbridge.gap.joints.mechanism.description import description_bytes, read_mechanism_description, stated_besides
@@ -315,6 +315,7 @@ def _read_effects(items: Any, source: str | Path, joints: tuple[str, ...], slidi
     for item in items:
         slides = isinstance(item, Mapping) and item.get("joint") in sliding
         out += read_effects([item], source, SLIDING_EFFECTS if slides else JOINT_EFFECTS, joints=joints)
+    refuse_doubles(out, source, JOINT_EFFECTS)
     return out
 
 
