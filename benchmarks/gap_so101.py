@@ -227,10 +227,11 @@ def judge(motion: Motion, start: Start, model: Path, amended: Path, folder: Path
     """Root mean square deviation of a motion from the original and from the amended model, rad."""
     from gsbridge.gap.formats.logs import read_log
     from gsbridge.gap.formats.records import Layout
+    from gsbridge.gap.joints.first_states import state_at
     from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
     from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
     from gsbridge.gap.joints.mechanism.replay import Mechanism
-    from gsbridge.gap.joints.residuals import spans_of, state_at
+    from gsbridge.gap.joints.residuals import spans_of
 
     write_case({"judged": motion}, start, model, folder / "judged")
     sizes, joints = [], []

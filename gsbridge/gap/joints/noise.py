@@ -31,14 +31,22 @@ _RARE = 1e-6
 channels, each on three records."""
 
 
-def white_noise(values: Array) -> Array:
-    """Estimate the standard deviation of white noise on smooth series, robust against jumps. [T, N] -> [N]."""
-    high = np.diff(values, _ORDER, axis=0)
+def white_noise(values: Array, order: int = _ORDER) -> Array:
+    """Estimate the standard deviation of white noise on smooth series, robust against jumps.
+
+    Args:
+        values: The series. [T, N].
+        order: Order of the difference; the more, the faster may the motion between two samples be.
+
+    Returns:
+        Standard deviation of each series. [N].
+    """
+    high = np.diff(values, order, axis=0)
     high = high - np.median(high, axis=0)
     rough = 1.4826 * np.median(np.abs(high), axis=0)
     inside = np.abs(high) <= _CUT * rough
     spread = np.sqrt((high**2 * inside).sum(axis=0) / np.maximum(inside.sum(axis=0), 1) / _KEPT_SHARE)
-    return spread / np.sqrt(sum(comb(_ORDER, k) ** 2 for k in range(_ORDER + 1)))
+    return spread / np.sqrt(sum(comb(order, k) ** 2 for k in range(order + 1)))
 
 
 def pooled(estimates: Sequence[Array], counts: Sequence[int]) -> list[Array]:

@@ -16,6 +16,7 @@ import numpy as np
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.closure import stretches
 from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.first_states import HIGHEST, lonely, state_at
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism, Span, State
@@ -27,9 +28,6 @@ from gsbridge.geometry import Array
 HORIZON = 1.0
 """Length of the stretches into which records of mechanisms without position feedback are cut, s: their errors grow over time,
 and a restart from the measured state keeps the later ones small."""
-
-_WINDOW = 0.06
-"""Length of the window of samples from which a state is estimated, s."""
 
 _BROKEN = 1e3
 """Residual given to a simulation that diverged, in units of the noise."""
@@ -59,36 +57,13 @@ def spans_of(record: Record, system: MechanismModel) -> list[Span]:
     total = len(record.time)
     if system.controller.closed_loop:
         return [(0, total)]
-    starts = np.searchsorted(record.time, np.arange(0.0, record.duration, HORIZON))
-    edges = [*(int(k) for k in starts), total]
+    starts, alone = np.searchsorted(record.time, np.arange(0.0, record.duration, HORIZON)), lonely(record)
+    # Between two holes a few samples tell no speed: the stretch before goes on there.
+    edges = [*(int(k) for k in starts if k == 0 or not alone[k]), total]
     spans = [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
     if len(spans) > 1 and spans[-1][1] - spans[-1][0] < 0.5 * (spans[0][1] - spans[0][0]):
         spans[-2:] = [(spans[-2][0], total)]
     return spans
-
-
-def state_at(record: Record, row: int) -> State:
-    """Estimate positions and speeds of the joints at sample `row` by a parabola through the samples around it. [N], [N]."""
-    count = len(record.time)
-    reach = max(3, round(_WINDOW / record.period / 2))
-    first, last = max(0, row - reach), min(count, row + reach + 1)
-    if last - first < 7:
-        first, last = (0, min(count, 7)) if row < count // 2 else (max(0, count - 7), count)
-    time = record.time[first:last] - record.time[row]
-    position = record.measured["position"][first:last]
-    rows, values = np.stack([np.ones_like(time), time, time**2], axis=1), position
-    if "velocity" in record.measured:
-        # Fit positions and speeds together, each weighted by its noise.
-        weight = _spread(position) / np.maximum(_spread(record.measured["velocity"][first:last]), 1e-12)
-        weight = np.clip(weight, 1e-6, record.period * 10).mean()
-        rows = np.concatenate([rows, weight * np.stack([0 * time, np.ones_like(time), 2 * time], axis=1)])
-        values = np.concatenate([values, weight * record.measured["velocity"][first:last]])
-    fit = np.linalg.lstsq(rows, values, rcond=None)[0]
-    return fit[0], fit[1]
-
-
-def _spread(values: Array) -> Array:
-    return np.maximum(np.std(np.diff(values, 2, axis=0), axis=0), 1e-9)
 
 
 def _behind(still: Array, memory: int) -> Array:
@@ -146,7 +121,8 @@ class JointResiduals:
         system = mechanism.system
         spans = spans_of(record, system)
         if "position" in record.measured:
-            states = [state_at(record, first) for first, _ in spans]
+            highest = 2 if system.controller.closed_loop else HIGHEST
+            states = [state_at(record, first, highest) for first, _ in spans]
         else:
             # The joints were not measured: they begin at their commands.
             states = start_states(mechanism, record, spans, ())
