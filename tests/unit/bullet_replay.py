@@ -33,8 +33,10 @@ def run_in_bullet(
         InputError: PyBullet cannot load the mechanism, or the setup has figures that this replay does not know.
     """
     strange = [name for name in LAW if name not in UNDERSTOOD and setup.law[name].any()]
-    if strange or mechanism.system.controller.mode == "position":
-        raise InputError("replay in PyBullet", f"it does not know {strange or 'mode position'}", "Use Mechanism.run")
+    if strange or setup.clocks or mechanism.system.controller.mode == "position":
+        raise InputError(
+            "replay in PyBullet", f"it does not know {strange or 'wrong clocks or mode position'}", "Use Mechanism.run"
+        )
     system, law = mechanism.system, setup.law
     step, count = system.time_step, len(record.joints)
     every = round(system.physics_rate / system.controller.rate)
@@ -69,8 +71,6 @@ def run_in_bullet(
                     world.stepSimulation()
                 grid = (begin + np.arange(length)) * step
                 channels = dict(zip(("position", "velocity", "effort"), raw, strict=True))
-                for hook in setup.outputs:
-                    channels = hook(grid, channels)
                 for kind, values in channels.items():
                     for k in range(count):
                         out[kind][first:end, k] = np.interp(record.time[first:end], grid, values[:, k])

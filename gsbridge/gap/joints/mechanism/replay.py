@@ -96,8 +96,15 @@ class Mechanism:
         self.runs += 1
         system, chain, order = self.system, self.chain, self.chain.order
         step, count = system.time_step, len(record.joints)
-        steps = int(np.ceil(record.duration / step)) + 2
+        seen = setup.taken(record.time)
+        # Under feedback the replay begins with the commands, otherwise with the first measured state.
+        ran = record.time if system.controller.closed_loop else seen
+        begins = [int(round(ran[first] / step)) for first, _ in spans]
+        steps = int(np.ceil(max(record.duration, ran[-1]) / step)) + 2
+        early = max(0, -min(begins))
         wanted = [np.ascontiguousarray(values[:, order]) for values in command_grid(record, system, setup, steps)]
+        # The first command holds before it, too.
+        wanted = [np.concatenate([np.repeat(values[:1], early, axis=0), values]) for values in wanted] if early else wanted
         bodies = chain.bodies(setup.inertials)
         law = np.ascontiguousarray(setup.rows()[:, order])
         out = {kind: np.full((len(record.time), count), np.nan) for kind in ("position", "velocity", "effort")}
@@ -107,16 +114,17 @@ class Mechanism:
         surface = np.concatenate([up, setup.surface if up.any() else np.zeros(2)])
         every = round(system.physics_rate / system.controller.rate)
         farthest, fastest = _bounds(record, system, spans, states)
-        for (first, end), (q, v) in zip(spans, states, strict=True):
-            begin = int(round(record.time[first] / step))
-            length = min(int(np.ceil((record.time[end - 1] - record.time[first]) / step)) + 2, steps - begin)
+        for (first, end), (q, v), begin in zip(spans, states, begins, strict=True):
+            length = min(int(np.ceil((ran[end - 1] - ran[first]) / step)) + 2, steps - begin)
             raw = np.full((4, length, count), np.nan)
+            if setup.clocks and not system.controller.closed_loop:
+                q, v = _at_step(setup, record, first, begin * step, (q, v))
             q, v = true_state(setup, q, v)
             simulate(
                 chain.parents, chain.fixed, chain.axes, chain.slides, bodies, setup.gravity, self._brain, system.gravity,
                 system.armature[order], law, self.tip, self.toe, surface, MODE[system.controller.mode],
-                2 * np.pi * system.controller.bandwidth, wanted[0][begin:], wanted[1][begin:], wanted[2][begin:],
-                q[order], v[order], float(record.time[first]), step, every, system.centred,
+                2 * np.pi * system.controller.bandwidth, wanted[0][begin + early :], wanted[1][begin + early :],
+                wanted[2][begin + early :], q[order], v[order], float(ran[first]), step, every, system.centred,
                 farthest, fastest, raw,
             )  # fmt: skip
             channels: dict[str, Array] = {}
@@ -127,11 +135,10 @@ class Mechanism:
                 # Take the true positions of the links: encoders may err, and measure the motor's side of a soft joint.
                 channels[TOOL] = chain.place(system.tool, raw[3])
             grid = begin * step + step * np.arange(length)
-            for hook in setup.outputs:
-                channels = hook(grid, channels)
             for kind, values in channels.items():
+                times = (record.time if kind == "effort" else seen)[first:end]
                 for k in range(values.shape[1]):
-                    out[kind][first:end, k] = np.interp(record.time[first:end], grid, values[:, k])
+                    out[kind][first:end, k] = np.interp(times, grid, values[:, k])
         return out
 
 
@@ -139,6 +146,23 @@ def up_of(gravity: Array) -> Array:
     """Compute the upward unit vector from gravity; zero without gravity. [3] -> [3]."""
     length = float(np.linalg.norm(gravity))
     return -gravity / length if length > 0.0 else np.zeros(3)
+
+
+def _at_step(setup: JointSetup, record: Record, first: int, begin: float, state: State) -> State:
+    """Compute the state at the beginning of a stretch's first step from the one that was measured with a wrong clock.
+
+    Args:
+        setup: The mechanism, with its clocks.
+        record: The record.
+        first: First sample of the stretch.
+        begin: Time of the first step, s.
+        state: Positions and speeds as estimated from the samples around the first one.
+    """
+    around = record.time[first] + record.period * np.array([-0.5, 0.0, 0.5])
+    before, then, after = setup.taken(around)
+    # Speeds that were estimated from positions are in the clock's seconds.
+    speed = state[1] if "velocity" in record.measured else state[1] * record.period / (after - before)
+    return state[0] + speed * (begin - then), speed
 
 
 def true_state(setup: JointSetup, q: Array, v: Array) -> State:

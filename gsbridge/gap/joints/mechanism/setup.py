@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import lfilter
 
-from gsbridge.gap.formats.records import TOOL
 from gsbridge.gap.joints.mechanism.inertials import Inertial
 from gsbridge.gap.joints.mechanism.joint_kernel import LAW
 from gsbridge.gap.joints.mechanism.joint_steps import follow
@@ -19,8 +18,8 @@ CommandFilter = Callable[[Array, float, str], Array]
 """Function that turns commands on the grid of the physics [K, N], with its step in s and their kind (a key of
 `gsbridge.gap.formats.records.COMMANDS`), into those that reach the controller."""
 
-Output = Callable[[Array, dict[str, Array]], dict[str, Array]]
-"""Function that turns times [K], s, and channels, each [K, N], into the channels as they are logged, each [K, N]."""
+Clock = Callable[[Array], Array]
+"""Function that turns time stamps into the times of the measurements, s. [T] -> [T]."""
 
 
 @dataclass
@@ -36,7 +35,7 @@ class JointSetup:
         surface: Height above the base's origin (m) and stiffness (N/m) of a surface below the tool; without one, the height is
             minus infinity. [2].
         commands: Functions that act on the commands before they reach the controller, in order.
-        outputs: Functions that act on the channels before they are logged, in order.
+        clocks: Clocks of the logged positions and speeds, in order.
     """
 
     law: dict[str, Array]
@@ -46,7 +45,7 @@ class JointSetup:
     joints: tuple[str, ...]
     surface: Array = field(default_factory=lambda: np.array([-np.inf, 0.0]))
     commands: list[CommandFilter] = field(default_factory=list)
-    outputs: list[Output] = field(default_factory=list)
+    clocks: list[Clock] = field(default_factory=list)
 
     @classmethod
     def nominal(cls, system: MechanismModel, inertials: dict[str, Inertial], child_of: dict[str, str]) -> JointSetup:
@@ -111,20 +110,19 @@ class JointSetup:
         """
         self.surface = np.array([height, stiffness])
 
-    def restamp_motion(self, taken: Callable[[Array], Array]) -> None:
+    def restamp_motion(self, taken: Clock) -> None:
         """Log positions and speeds as they were at other times than their stamps say.
 
         Args:
             taken: Function that turns time stamps into the times of the measurements, s. [T] -> [T].
         """
+        self.clocks.append(taken)
 
-        def late(time: Array, channels: dict[str, Array]) -> dict[str, Array]:
-            out = dict(channels)
-            for kind in (kind for kind in ("position", "velocity", TOOL) if kind in channels):
-                out[kind] = np.stack([np.interp(taken(time), time, column) for column in channels[kind].T], axis=1)
-            return out
-
-        self.outputs.append(late)
+    def taken(self, stamps: Array) -> Array:
+        """Compute when the positions and speeds of given time stamps were measured, s. [T] -> [T]."""
+        for clock in reversed(self.clocks):
+            stamps = clock(stamps)
+        return stamps
 
 
 def delayed(values: Array, seconds: float, step: float) -> Array:
