@@ -83,13 +83,17 @@ TORQUE = 0.8
 
 
 @pytest.mark.parametrize("fastest", [50.0, 2.5, 0.7])
-def test_a_limit_of_speed_leaves_torques_alone(tmp_path, fastest):
+def test_a_limit_of_speed_leaves_torques_alone_and_cuts_speeds_off(tmp_path, fastest):
     """A ramp of 2 rad/s with a torque that swings, by the equation of the disc; two of the limits are never reached."""
     pace, wave = 2.0, 12.0
-    commands = {"command": pace * TIME, "feedforward": TORQUE * np.sin(wave * TIME)}
+    commands = {
+        "command": pace * TIME,
+        "command_velocity": np.full(len(TIME), pace),
+        "feedforward": TORQUE * np.sin(wave * TIME),
+    }
 
     def turned(time, state, most):
-        torque = STIFFNESS * (most * time - state[0]) - DAMPING * state[1] + TORQUE * np.sin(wave * time)
+        torque = STIFFNESS * (most * time - state[0]) + DAMPING * (most - state[1]) + TORQUE * np.sin(wave * time)
         return [state[1], torque / INERTIA]
 
     system = disc(tmp_path, {"between": "line", "rate": 4000}, physics_rate=4000)

@@ -91,7 +91,7 @@ def test_the_gap_replays_the_simulated_arm(tmp_path, delay):
 
 
 SIZES = {
-    "armature": 100.0, "encoder_scale": 20.0, "quadratic_drag": 400.0, "rate_limit": 2.0,
+    "armature": 100.0, "encoder_scale": 20.0, "quadratic_drag": 400.0,
     "saturation": 3.0, "spring": 100.0, "torque_delay": 3.0, "viscous": 100.0,
 }  # fmt: skip
 """Multiples of the typical amplitude with which effects show in this motion; eight for the others."""

@@ -79,14 +79,15 @@ class JointSetup:
     def limit_commands(self, joint: int, slowness: float) -> None:
         """Limit how fast the command of one joint may change; `slowness` is one over the largest speed, s/rad or s/m.
 
-        Torques are no motion and pass.
+        Commanded speeds are cut off at the largest; torques are no motion and pass.
         """
 
         def limit(commands: Array, step: float, kind: str) -> Array:
-            if kind == "feedforward":
-                return commands
             out = commands.copy()
-            out[:, joint] = follow(commands[:, joint].copy(), step / slowness)
+            if kind == "command":
+                out[:, joint] = follow(commands[:, joint].copy(), step / slowness)
+            elif kind == "command_velocity":
+                out[:, joint] = commands[:, joint].clip(-1.0 / slowness, 1.0 / slowness)
             return out
 
         self.commands.append(limit)
