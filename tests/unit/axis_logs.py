@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from gsbridge.gap.benchmark.generate import draw_case
+from gsbridge.gap.benchmark.generate import _joined, draw_case
 from gsbridge.gap.benchmark.mechanisms import axis_plant
+from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 
@@ -41,3 +42,9 @@ def simulated(axis, records, effects, seed=SEED):
             {kind: outputs[kind] + noise[kind] * rng.standard_normal(outputs[kind].shape) for kind in record.measured}
         )
     return out
+
+
+def axis_course(duration=1.0):
+    """Commands for the axis, and the times of samples at 100 Hz, s."""
+    wanted = course("multisine", np.array([0.3]), np.array([0.9]), duration, np.random.default_rng(3))
+    return _joined(wanted, 100.0), np.arange(round(100 * duration)) / 100

@@ -9,7 +9,6 @@ import yaml
 from axis_logs import SLOW, axis_in, records_of, simulated
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
 
 from gsbridge.effects.registry import Applied
@@ -27,7 +26,6 @@ from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints
 from gsbridge.gap.joints.fit import EffectFit, derivatives, fit
 from gsbridge.gap.joints.identify import JointIdentification
-from gsbridge.gap.joints.integral_action import integral_action
 from gsbridge.gap.joints.looks import Look
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
@@ -469,30 +467,6 @@ def test_what_is_likely_is_told_as_closest(axis, told):
     assert content["evidence"][-1]["verdicts"] == {e["label"]: e["verdict"] for e in found["account"]["entries"]}
     assert [e["name"] for e in content["effects"]] == [e["name"] for e in found["account"]["entries"]]
     assert read_mechanism_model(axis[2] / "amended.yaml").effects
-
-
-def test_a_controller_with_an_integral_is_told_and_nothing_is_blamed_for_it(axis):
-    """Its gain comes out of the logged efforts; another stiffness, a late command and friction are no integral."""
-    system, gain = axis[0], 30.0
-    late = Applied("command_delay", "", {"time": 0.02})
-    friction = Applied("coulomb", "axis", {"torque": 0.4})
-    for effects, integral in (((), gain), ((friction,), gain), ((friction,), 0.0), ((late,), 0.0)):
-        records = simulated(axis, records_of(axis), effects)
-        for role, record in records.items():
-            error = record.commands["command"] - record.measured["position"]
-            held = cumulative_trapezoid(error, record.time, axis=0, initial=0.0)
-            records[role] = record.with_measured({**record.measured, "effort": record.measured["effort"] + integral * held})
-        views = [JointResiduals.of(Mechanism(system), records[role]) for role in ("fit", "select")]
-        told = integral_action(views)
-        assert (told is not None) == (integral > 0.0)
-        if told is not None and not effects:
-            assert told.gains["axis"] == pytest.approx(gain, rel=0.05)
-            diagnosis = diagnose_joints(system, records, axis[2] / "bank", names=("coulomb", "viscous"), seed=1)
-            findings = JointAccount().findings_of(diagnosis, records, seed=1)
-            assert findings["verdict"] == "none_of_the_known"
-            assert findings["status"] == "degraded"
-            assert "N m/(rad s)" in findings["sentence"]
-            assert findings["amended"] == []
 
 
 def test_it_is_the_model_that_lacks_an_effect():
