@@ -153,15 +153,6 @@ class MirrorStudio:
         edge = self.size + 2 * pad
         return camera.cropped(-pad, -pad, edge, edge).scaled(FINE)
 
-    def _places(self, pose: Array) -> Array:
-        """Return the points that the pixels of `_traced` show, table frame, m; infinity where there is nothing. [H, W, 3]."""
-        camera, wide = self.world.camera, self._wide()
-        parts = camera._mi.load_dict({"type": "aov", "aovs": "place:position,far:depth"})
-        # One sample in each fine pixel, since points of several surfaces must not be averaged.
-        sensor = camera._sensor(wide, pose, Quality(1))
-        table = np.array(camera._mi.render(camera._scene, sensor=sensor, integrator=parts, seed=0), np.float64)
-        return np.where(table[..., -1:] > 0.0, table[..., -4:-1], np.inf)
-
     def _photo(self, fault: PlantedFault, plain: Array, pose: Array, number: int) -> Array:
         """Take one photo with one fault. uint8 [S, S, 3]."""
         sizes = {fault.name: fault.size} if fault.name else {}
@@ -188,7 +179,10 @@ class MirrorStudio:
         usual = cv2.resize(light, (self.size, self.size), interpolation=cv2.INTER_AREA)
         if fault.name == "shadow":
             # The shadow falls on whatever a pixel shows, such as the gripper, which is nearer than the table behind it.
-            light = bent(plain * truth.lamp(self._places(pose).reshape(-1, 3)).reshape(*plain.shape[:2], 1))
+            light = bent(
+                plain
+                * truth.lamp(self.world.camera.seen_points(self._wide(), pose).reshape(-1, 3)).reshape(*plain.shape[:2], 1)
+            )
         gathered = truth.gathered(light)
         electronics = Electronics(hidden, 0.05)
         # The gains follow the light without the fault, as on the first day.
@@ -197,4 +191,4 @@ class MirrorStudio:
 
 
 _NOTHING = ImageWorld.draw(0)
-"""Placeholder for the world of `TruthCamera`, which is not used here."""
+"""A world that `TruthCamera` asks for; nothing of it is seen here, since the mirror's light is used instead."""

@@ -200,6 +200,22 @@ class MirrorCamera:
         step = fine.width // camera.width
         return hit.reshape(camera.height, step, camera.width, step).mean((1, 3))
 
+    def seen_points(self, camera: Camera, cam_from_table: Array) -> Array:
+        """Return the first point that one ray through each pixel hits, table frame, m; infinity where it hits nothing.
+
+        Args:
+            camera: The camera, see `light`.
+            cam_from_table: Pose of the camera. [4, 4].
+
+        Returns:
+            Points. [H, W, 3].
+        """
+        integrator = self._mi.load_dict({"type": "aov", "aovs": "place:position,far:depth"})
+        sensor = self._sensor(camera, cam_from_table, Quality(1))
+        channels = np.array(self._mi.render(self._scene, sensor=sensor, integrator=integrator, seed=0), np.float64)
+        # The last four channels are the requested ones; a ray that leaves the scene has the depth 0.
+        return np.where(channels[..., -1:] > 0.0, channels[..., -4:-1], np.inf)
+
     def lens(self, camera: Camera) -> LensError | None:
         """Return the lens errors that remain after calibration; None if there are none."""
         if self.hidden.distortion == 0.0 and self.hidden.focal_error == 0.0:
