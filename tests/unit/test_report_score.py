@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+import yaml
 from scipy.spatial.transform import Rotation
 
 from gsbridge.cameras import Camera, View, camera_centre, look_at, write_views
@@ -14,7 +15,7 @@ from gsbridge.geometry import Similarity
 from gsbridge.images import write_image
 from gsbridge.meshes import Mesh
 from gsbridge.report.scores.measured_scenes import rasterizer_figures, rendering_figures, write_real2sim_figures
-from gsbridge.report.scores.results_page import AREAS, changes, freshness, write_results_page
+from gsbridge.report.scores.results_page import AREAS, changes, freshness, laboratories_markdown, write_results_page
 from gsbridge.report.scores.scene import (
     camera_scores,
     chamfer,
@@ -30,7 +31,8 @@ from gsbridge.report.tables.rendering_rows import COLUMNS
 from gsbridge.report.tables.rows import write_rows
 
 BEHIND = {"code": {"score_scene": "1"}, "settings": {"seed": "a"}}
-FLOORS = Path(__file__).parents[2] / "benchmarks" / "floors.yaml"
+ROOT = Path(__file__).parents[2]
+FLOORS = ROOT / "benchmarks" / "floors.yaml"
 LENS = Camera(160, 120, 140.0, 141.0, 79.0, 61.0, (0.08, -0.03, 0.002, -0.001))
 
 
@@ -430,3 +432,14 @@ def test_an_area_is_stale_once_a_model_behind_it_is_edited() -> None:
     old = {"commit": "abc", "code": {"a": "1"}, "settings": {"seed": "3"}}
     assert freshness("policies", old, now) == "**stale** since `models/nominal.yaml` changed"
     assert freshness("gap_real", old, {"code": {"a": "1"}, "settings": {"seed": "3"}}) == "fresh"
+
+
+def test_the_page_lists_every_laboratory_and_the_present_one_is_the_configurations():
+    told = read_json(ROOT / "benchmarks/laboratories.json")["laboratories"]
+    worlds = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))["worlds"]
+    # A laboratory that is drawn anew must say what was seen of the one before.
+    assert {world["seed"] for name, world in worlds.items() if name.startswith("lab_")} == {told[-1]["seed"]}
+    assert all(item["seen"] for item in told[:-1])
+    page = laboratories_markdown(told)
+    assert all(f"| {item['seed']} | {item['seen'] or 'nothing'} |" in page for item in told)
+    assert laboratories_markdown([]) == ""

@@ -175,6 +175,16 @@ def seals_markdown(seals: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines + _all_seals(seals)) + "\n"
 
 
+def laboratories_markdown(laboratories: Sequence[Mapping[str, Any]]) -> str:
+    """List the seeds of the laboratories of severity and what was seen of each; empty text where there is none."""
+    if not laboratories:
+        return ""
+    lines = ["", "## Laboratories of severity", ""]
+    lines += ["Seeds of the worlds `lab_0` to `lab_4`, the present one last. One that was looked at is development data."]
+    lines += ["", "| seed | what was seen of it |", "|---|---|"]
+    return "\n".join([*lines, *(f"| {item['seed']} | {item['seen'] or 'nothing'} |" for item in laboratories)]) + "\n"
+
+
 def _all_seals(seals: Sequence[Mapping[str, Any]]) -> list[str]:
     """Make the lines of the table that adds up counts over the seals, by part; empty where no part was scored twice."""
     counts: dict[str, dict[str, list[tuple[int, int]]]] = {}
@@ -258,6 +268,8 @@ def write_results_page(folder: str | Path, out: str | Path, now: Mapping[str, Ma
         InputError: A file is damaged.
     """
     text = results_markdown({area: read_record(Path(folder) / f"{area}.json") for area in AREAS}, now)
+    laboratories = Path(folder).parent / "laboratories.json"
+    text += laboratories_markdown(read_json(laboratories)["laboratories"] if laboratories.exists() else [])
     text += seals_markdown(read_seals(Path(folder).parent / "seals"))
     with atomic_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")
