@@ -59,9 +59,8 @@ def test_a_shadow_falls_on_an_object_and_not_on_what_is_seen_through_it(studio):
     pose, camera, pad = studio.world.camera_pose(), wrist_camera(SIZE), (studio._wide().width // FINE - SIZE) // 2
     shown = studio.world.camera.coverage(camera, pose, ("object",))
     whole = np.min([np.roll(shown, (down, right), (0, 1)) for down in (-2, 0, 2) for right in (-2, 0, 2)], axis=0) == 1.0
-    met = studio.world.camera.seen_points(studio._wide(), pose)[FINE // 2 :: FINE, FINE // 2 :: FINE][
-        pad : pad + SIZE, pad : pad + SIZE
-    ]
+    places = studio.world.camera.seen_points(studio._wide(), pose)[FINE // 2 :: FINE, FINE // 2 :: FINE]
+    met = places[pad : pad + SIZE, pad : pad + SIZE]
     apart = np.where(whole, np.linalg.norm((on_table(camera.pixel_rays(), pose) - met)[..., :2], axis=-1), 0.0)
     row, column = np.unravel_index(apart.argmax(), apart.shape)
     assert apart[row, column] > 0.01
