@@ -25,7 +25,7 @@ from gsbridge.reality.mirror import studio  # its private parts too: an edit the
 from gsbridge.reality.mirror.backgrounds import BACKGROUNDS, TABLE_CENTRE_M, TABLE_SIZE_M, make_plate, table_texture
 from gsbridge.reality.mirror.path_tracer import load_mitsuba, picture_maker
 from gsbridge.reality.world.bodies import repainted, shown_mesh
-from gsbridge.reality.world.coverage import shows
+from gsbridge.reality.world.coverage import points_seen, shows
 from gsbridge.reality.world.electronics import Electronics, LensError
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.surfaces import coated, filled, painted
@@ -201,20 +201,8 @@ class MirrorCamera:
         return hit.reshape(camera.height, step, camera.width, step).mean((1, 3))
 
     def seen_points(self, camera: Camera, cam_from_table: Array) -> Array:
-        """Return the first point that one ray through each pixel hits, table frame, m; infinity where it hits nothing.
-
-        Args:
-            camera: The camera, see `light`.
-            cam_from_table: Pose of the camera. [4, 4].
-
-        Returns:
-            Points. [H, W, 3].
-        """
-        integrator = self._mi.load_dict({"type": "aov", "aovs": "place:position,far:depth"})
-        sensor = self._sensor(camera, cam_from_table, Quality(1))
-        channels = np.array(self._mi.render(self._scene, sensor=sensor, integrator=integrator, seed=0), np.float64)
-        # The last four channels are the requested ones; a ray that leaves the scene has the depth 0.
-        return np.where(channels[..., -1:] > 0.0, channels[..., -4:-1], np.inf)
+        """Return the points that the pixels show, as `points_seen` does, from a pose of the camera. [4, 4] -> [H, W, 3]."""
+        return points_seen(self._mi, self._scene, self._sensor(camera, cam_from_table, Quality(1)))
 
     def lens(self, camera: Camera) -> LensError | None:
         """Return the lens errors that remain after calibration; None if there are none."""

@@ -44,3 +44,20 @@ def _instances_shown(mi: Any, scene: Any, sensor: Any, camera: Camera, names: Se
     pointers = [mi.ShapePtr(shape) for shape in scene.shapes() if shape.id() in names]
     numbers = [np.array(drjit.reinterpret_array(mi.UInt32, pointer)).item() for pointer in pointers]
     return np.isin(np.array(met), numbers).reshape(camera.height, camera.width)
+
+
+def points_seen(mi: Any, scene: Any, sensor: Any) -> Array:
+    """Return the first point that one ray through each pixel hits, in the scene's frame, m; infinity where it hits nothing.
+
+    Args:
+        mi: The Mitsuba module.
+        scene: The scene.
+        sensor: Mitsuba's sensor of the camera, one sample per pixel, since points of several surfaces must not be averaged.
+
+    Returns:
+        Points. [H, W, 3].
+    """
+    integrator = mi.load_dict({"type": "aov", "aovs": "place:position,far:depth"})
+    channels = np.array(mi.render(scene, sensor=sensor, integrator=integrator, seed=0), np.float64)
+    # The last four channels are the requested ones; a ray that leaves the scene has the depth 0.
+    return np.where(channels[..., -1:] > 0.0, channels[..., -4:-1], np.inf)
