@@ -68,6 +68,9 @@ class PolicySettings(Settings):
     """Factor on how widely they are varied."""
     litter: Whole = Field(default=6, ge=0, le=20)
     """Largest number of flat things that lie about in the pictures of an episode of the training, its evaluations included."""
+    latency: Number = Field(default=0.12, ge=0, le=0.3)
+    """Longest dead time of commands beyond the model's, s; each episode of the training draws its own, its evaluations
+    included."""
     bounded_critic: Switch = False
     """Squash Q to 0..1 by a sigmoid, as RL-GSBridge's code does."""
     bf16: Switch = False

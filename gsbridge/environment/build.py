@@ -112,19 +112,22 @@ def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer
     )
 
 
-def build_environment(files: StageFiles, settings: EnvironmentSettings, *, litter: int = 0) -> PickEnvironment:
+def build_environment(
+    files: StageFiles, settings: EnvironmentSettings, *, litter: int = 0, latency: float = 0.0
+) -> PickEnvironment:
     """An environment in the simulated world.
 
     Args:
         files: Files that it is made of.
         settings: Its settings.
         litter: Largest number of flat things that lie about in an episode's pictures; see `Litter`.
+        latency: Longest dead time of commands beyond the model's, s; see `SimWorld`.
 
     Raises:
         InputError: A file is missing, of the wrong kind or damaged; the object does not fit the gripper; the start region is
             out of reach; the model has another control rate than policies.
     """
-    world = build_world(files)
+    world = build_world(files, latency=latency)
     renderer = build_renderer(files, settings)
     stroke, response, lens = world.dimensions.stroke, camera_response(files), lens_of(files, settings)
     scattered = Litter(litter, _palette(files, settings), settings.region()) if litter else None
@@ -154,8 +157,12 @@ def camera_response(files: StageFiles) -> CameraModel:
     return _photometry(files).response.after(read_model(files.model).camera)
 
 
-def build_world(files: StageFiles) -> SimWorld:
+def build_world(files: StageFiles, *, latency: float = 0.0) -> SimWorld:
     """Build the simulated world, without a renderer.
+
+    Args:
+        files: Files that it is made of.
+        latency: Longest dead time of commands beyond the model's, s; see `SimWorld`.
 
     Raises:
         InputError: As `build_environment`.
@@ -174,6 +181,7 @@ def build_world(files: StageFiles) -> SimWorld:
         model,
         base_from_table=_base_from_table(files.registration),
         plate=_asset(files.background, "background").relief_urdf,
+        latency=latency,
     )
 
 
@@ -195,7 +203,7 @@ def plate_of(item: str | Path, background: str | Path) -> Plate | None:
 
 
 def environment_makers(
-    files: StageFiles, settings: EnvironmentSettings, count: int, *, litter: int = 0
+    files: StageFiles, settings: EnvironmentSettings, count: int, *, litter: int = 0, latency: float = 0.0
 ) -> Sequence[Callable[[], PickEnvironment]]:
     """Return functions that build one environment each, as gymnasium's vector environments take them.
 
@@ -203,9 +211,9 @@ def environment_makers(
         files: Files of the stages that the environment is made of.
         settings: Settings of every environment.
         count: Number of environments, one per process.
-        litter: See `build_environment`.
+        litter, latency: See `build_environment`.
     """
-    return [partial(build_environment, files, settings, litter=litter) for _ in range(count)]
+    return [partial(build_environment, files, settings, litter=litter, latency=latency) for _ in range(count)]
 
 
 def build_controller(

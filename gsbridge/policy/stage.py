@@ -58,14 +58,16 @@ def train_policy(
     Raises:
         InputError: A file is missing, damaged or of the wrong kind; settings do not fit together.
     """
-    environment = build_environment(files, environment_settings, litter=settings.litter)
+    environment = build_environment(files, environment_settings, litter=settings.litter, latency=settings.latency)
     try:
-        delay = 0.0 if unchanged_teacher else command_delay(environment)
+        delay = command_delay(environment, of_model=not unchanged_teacher)
         controller: Controller = build_controller(files.item, environment_settings, delay=delay)
         if any(controller_offset):
             controller = BiasedController(controller, controller_offset)
         key = {"files": files_digest(files), "controller_offset": list(controller_offset), "teacher": unchanged_teacher}
-        makers = environment_makers(files, environment_settings, settings.environments, litter=settings.litter)
+        makers = environment_makers(
+            files, environment_settings, settings.environments, litter=settings.litter, latency=settings.latency
+        )
         trainer = Trainer(environment, controller, settings, seed=seed, state=state, key=key, makers=makers)
         try:
             training = trainer.run(out)
@@ -102,14 +104,20 @@ def train_policy(
     return training
 
 
-def command_delay(environment: PickEnvironment) -> float:
+def command_delay(environment: PickEnvironment, *, of_model: bool = True) -> float:
     """Return by how many control periods commands act late in an environment on the simulated world, for the teacher's gain.
 
-    It is the model's `arm.delay` and what effects of the model, such as `command_delay` and `lag`, add to it.
+    It is the model's `arm.delay`, what effects of the model, such as `command_delay` and `lag`, add to it, and the mean of the
+    dead times that episodes draw.
+
+    Args:
+        environment: The environment.
+        of_model: Whether the model's share counts.
     """
     world = environment.world
     assert isinstance(world, SimWorld)
-    return world.controller.setup.latency * world.model.timing.control_hz
+    seconds = 0.5 * world.latency + (world.controller.setup.latency if of_model else 0.0)
+    return seconds * world.model.timing.control_hz
 
 
 def cpu_seconds_to(rows: list[Row], success: float) -> float | None:

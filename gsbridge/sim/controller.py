@@ -94,10 +94,6 @@ class Controller:
             **work_space(len(tree.links), len(arm)),
             **setup.record(),
         )
-        # Largest lead of the opening's set point over the fingers: enough for the full force, and for moving fingers.
-        self._pressing = g.force / g.stiffness + g.speed * (model.period + setup.delay)
-        # Not in the record, since its length depends on the delay: the kernels would be compiled anew for every other delay.
-        self._ring = np.zeros((round(setup.delay / model.time_step) + 1, 2, width))
         self._plan, self._substeps = self._arm["plan"][0], model.substeps
         self.misread = any(setup.law[name].any() for name in ENCODER)
         self.torques = np.zeros((2, width))
@@ -110,12 +106,22 @@ class Controller:
             return -1
         return arm.index(joint.name) if joint.name in arm else len(arm)
 
-    def reset(self, q: Array, aperture: float) -> None:
-        """Hold a posture and an opening, with no earlier command still on its way. q [N]."""
+    def reset(self, q: Array, aperture: float, later: float = 0.0) -> None:
+        """Hold a posture and an opening, with no earlier command still on its way.
+
+        Args:
+            q: Angles of the arm, rad. [N].
+            aperture: Distance of the pads, m.
+            later: Dead time of commands beyond the model's until the next call, s.
+        """
         self.point = np.append(q, aperture)
         self.goal = self.point.copy()
-        self._ring[:] = 0.0
+        delay, g = self.setup.delay + later, self.model.gripper
+        # Not in the record, since its length depends on the delay: the kernels would be compiled anew for every other delay.
+        self._ring = np.zeros((round(delay / self.model.time_step) + 1, 2, len(self.point)))
         self._ring[:, 0] = self.point
+        # Largest lead of the opening's set point over the fingers: enough for the full force, and for moving fingers.
+        self._pressing = g.force / g.stiffness + g.speed * (self.model.period + delay)
         self._arm["slot"], self._arm["memory"], self._arm["started"] = 0, 0.0, 0
         self._plan[:] = self.point, 0.0 * self.point, 0.0 * self.point
 

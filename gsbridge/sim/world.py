@@ -26,6 +26,9 @@ from gsbridge.tasks.state import ROW, State
 CONTACT_SAMPLES = 5
 """Times per control period at which contact forces are read; the state holds their mean."""
 
+_LATENCY = 5
+"""Separates the random stream of the dead time from those of other draws that use the episode's seed."""
+
 SETTLE_SECONDS = 0.2
 """Time that the object has to settle after it was set down, while the arm holds still, s."""
 
@@ -41,6 +44,7 @@ class SimWorld:
         workspace: Room in which the tool may be commanded, None for the default; the arm must reach all of it.
         plate: URDF of the static background with the plate, or None for the bare table.
         table_from_plate: Pose of the plate; None for the identity. [4, 4].
+        latency: Longest dead time of commands beyond the model's, s; each episode draws its own, from 0 up to it.
 
     Raises:
         InputError: The object does not fit the gripper, the workspace is out of reach, or a file cannot be loaded.
@@ -59,8 +63,9 @@ class SimWorld:
         workspace: Workspace | None = None,
         plate: Path | None = None,
         table_from_plate: Array | None = None,
+        latency: float = 0.0,
     ) -> None:
-        self.model, self.item, self.workspace = model, item, workspace or Workspace.around()
+        self.model, self.item, self.workspace, self.latency = model, item, workspace or Workspace.around(), latency
         self.base_from_table = check_rigid(nominal_table() if base_from_table is None else base_from_table, "base_from_table")
         self.table_from_base = np.linalg.inv(self.base_from_table)
         self.dimensions = robot.dimensions
@@ -93,11 +98,10 @@ class SimWorld:
         self.close()
 
     def reset(self, object_pose: Array, seed: int) -> None:
-        """Begin an episode with the object at x, y, yaw [3]; see `World.reset`. `seed` seeds the world's generator `rng`."""
+        """Begin an episode with the object at x, y, yaw [3]; see `World.reset`. `seed` seeds all that is random in it."""
         pose = np.asarray(object_pose, dtype=np.float64)
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise InputError("object pose", "it is no finite x, y, yaw", "Give metres and radians")
-        self.rng = np.random.default_rng(seed)
         self.refused = 0
         cosine, sine = np.cos(pose[2]), np.sin(pose[2])
         placed = np.eye(4)
@@ -113,7 +117,8 @@ class SimWorld:
             placed[2, 3] += depth
             self.engine.place(placed)
         self.engine.forget()
-        self.controller.reset(self.kinematics.rest, self.dimensions.stroke)
+        later = float(np.random.default_rng([seed, _LATENCY]).uniform(0.0, self.latency))
+        self.controller.reset(self.kinematics.rest, self.dimensions.stroke, later)
         self.engine.measure()
         for _ in range(max(1, round(SETTLE_SECONDS / self.model.period))):
             self.step()

@@ -138,12 +138,12 @@ def test_an_episode_has_its_own_litter_and_moves_as_without(files):  # noqa: F81
 def test_a_training_hands_its_litter_on_whether_colours_vary_or_not(litter, augment, monkeypatch, tmp_path):
     handed = []
 
-    def build(made, settings, *, litter):
-        handed.append(litter)
+    def build(made, settings, *, litter, latency):
+        handed.append((litter, latency))
         raise InputError("environment", "it was asked for", "That is all")
 
     monkeypatch.setattr(stage, "build_environment", build)
-    settings = PolicySettings(litter=litter, augment=augment)
+    settings = PolicySettings(litter=litter, augment=augment, latency=0.01 * litter)
     with pytest.raises(InputError, match="asked for"):
         stage.train_policy(None, SETTINGS, settings, tmp_path, tmp_path / "record.json", seed=1, state=tmp_path / "state")
-    assert handed == [litter]
+    assert handed == [(litter, 0.01 * litter)]
