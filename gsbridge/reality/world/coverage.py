@@ -1,4 +1,4 @@
-"""Visibility masks: which pixels show given bodies of a Mitsuba scene."""
+"""Visibility in a Mitsuba scene: which pixels show given bodies, and which points a camera sees."""
 
 from __future__ import annotations
 
