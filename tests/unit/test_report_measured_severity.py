@@ -75,8 +75,8 @@ def test_policies_of_the_tables_are_judged_at_each_severity(scores):
     assert found["severity_grasp_2"]["n"] == 8 * 64
     assert found["severity_grasp_3"]["value"] == pytest.approx(100 * np.mean(at_3) / 64)
     assert found["severity_grasp_3"]["reason"] == "outside the floor"
-    assert found["severity_grasp_3"]["by_scene"]["banana+tablecloth"] == pytest.approx(100 * 20 / 64)
-    assert found["severity_grasp_3"]["beside"]["the same in simulation"]["banana+tablecloth"] == 100
+    assert found["severity_grasp_3"]["by_scene"]["grasp/banana+tablecloth"] == pytest.approx(100 * 20 / 64)
+    assert found["severity_grasp_3"]["beside"]["the same in simulation"]["grasp/banana+tablecloth"] == 100
     # Of one training of one cell, Wilson's interval: scipy's.
     wilson = stats.binomtest(56, 64).proportion_ci(method="wilson")
     assert found["severity_place_2"]["value"] == pytest.approx(87.5)
@@ -215,7 +215,7 @@ def test_a_lead_is_over_the_cells_that_both_sides_have(scores):
     kept = [one for one in rows if (one["renderer"], one["object"]) != ("mesh_shaded", "bear")]
     score = scores("worth", worth=kept)["worth_lead_one_colour_no_jitter_1"]
     assert score["value"] == pytest.approx(100 * 24 / 64)
-    assert set(score["by_scene"]) == {"small_cube+foam_pad", "cake+plate"}
+    assert set(score["by_scene"]) == {"grasp/small_cube+foam_pad", "pick_and_place/cake+plate"}
     assert score["reason"] == "measured on 2 of 3 cells only"
 
 

@@ -89,7 +89,7 @@ def test_rows_of_trials_tell_simulation_from_the_rest(tmp_path):
 
 
 def test_without_worse_days_there_is_no_page(tmp_path):
-    with pytest.raises(InputError, match=r"severity 2 or 3"):
+    with pytest.raises(InputError, match=r"of some severity"):
         page_of(tmp_path, both_sets(CUBE, "gs", 60))
     with pytest.raises(InputError, match="no trials"):
         page_of(tmp_path, [])

@@ -25,11 +25,13 @@ def record(task="grasp", strict=(32, 31, 32), tolerant=(32, 32, 32), poses=32):
 
 
 def test_the_worst_set_counts_and_excess_contact_only_in_simulation():
-    found = [("cube+pad", record()), ("bear+pad", record(strict=(32, 32, 32))), ("cake+plate", record("pick_and_place"))]
+    good = (32, 32, 32)
+    found = [("cube+pad", record()), ("cube+cloth", record(strict=good)), ("bear+pad", record(strict=good))]
+    found.append(("cake+plate", record("pick_and_place")))
     sim, mirror = trial_figures(found, "sim"), trial_figures(found, "mirror")
     assert sim["controller_grasp_sim"]["value"] == 31
-    assert sim["controller_grasp_sim"]["by_scene"] == {"cube": 31, "bear": 32}
-    assert (sim["controller_grasp_sim"]["n"], sim["controller_grasp_sim"]["seeds"]) == (2, 3)
+    assert sim["controller_grasp_sim"]["by_scene"] == {"cube+pad": 31, "cube+cloth": 32, "bear+pad": 32}
+    assert (sim["controller_grasp_sim"]["n"], sim["controller_grasp_sim"]["seeds"]) == (3, 3)
     assert sim["controller_place_sim"]["value"] == 31
     assert mirror["controller_grasp_mirror"]["value"] == mirror["controller_place_mirror"]["value"] == 32
     assert trial_figures([("cube+pad", record(poses=8))], "sim") == {}

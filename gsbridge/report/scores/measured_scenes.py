@@ -199,7 +199,7 @@ JUDGED = {"sim": "success", "mirror": "success_tolerant"}
 
 
 def trial_figures(records: Sequence[tuple[str, Mapping[str, Any]]], world: str) -> dict[str, Figure]:
-    """Successes of the baseline controllers in one world, from the worst set of 32 starts of any object.
+    """Successes of the baseline controllers in one world, from the worst set of 32 starts of any pair.
 
     Args:
         records: Name `object+background` and record of the trials, of any task.
@@ -211,7 +211,7 @@ def trial_figures(records: Sequence[tuple[str, Mapping[str, Any]]], world: str) 
     judged, other = JUDGED[world], ({"success", "success_tolerant"} - {JUDGED[world]}).pop()
     out: dict[str, Figure] = {}
     for task, short in TASKS.items():
-        found = {pair.split("+")[0]: record for pair, record in records if record["task"] == task and record["poses"] == 32}
+        found = {pair: record for pair, record in records if record["task"] == task and record["poses"] == 32}
         if found:
             worst = {
                 key: {name: float(min(record["counts"][key].values())) for name, record in found.items()}

@@ -87,8 +87,8 @@ def _cells(tallies: Tallies, policies: Sequence[CellPaths], world: str) -> Cells
 
 
 def _percents(cells: Cells) -> dict[str, float]:
-    """Success of each cell, percent."""
-    return {f"{item}+{background}": 100 * mean_rate([cell]) for (_, item, background), cell in cells.items()}
+    """Success of each cell, percent, by `{task}/{object}+{background}`."""
+    return {f"{task}/{item}+{background}": 100 * mean_rate([cell]) for (task, item, background), cell in cells.items()}
 
 
 def mean_figure(cells: Cells, where: str) -> Figure:

@@ -35,7 +35,7 @@ _QUESTION = (
     "Every policy of the tables, tried once more where the day is worse. It learned in simulation, from pictures drawn with "
     "splats or, for comparison, with a mesh, and saw none of these worlds before. They are mirrors, path-traced stand-ins for "
     "reality; severity, 0 to 4, is how bad a day they have: at 2 an ordinary lab with gloss, clutter, motion blur, another "
-    "lamp, friction and latency, at 3 more of all that and a flat thing of the object's colours on the table (docs/mirror.md). "
+    "lamp, friction and latency, at 3 more of all that and a wrapper of the object's colours on the table (docs/mirror.md). "
     "A cell of a table is the share of trials that succeed, its 95 % interval, and successes of trials."
 )
 
@@ -61,7 +61,7 @@ def write_cells_page(rows_csv: str | Path, page: str | Path) -> None:
     rows = read_severity_rows(rows_csv)
     worlds = worlds_of(rows)
     if not worlds:
-        raise InputError(rows_csv, "no policy was tried at severity 2 or 3", "Name such a world in study.severity.worlds")
+        raise InputError(rows_csv, "no policy was tried in a world of some severity", "Name one in study.severity.worlds")
     levels = list(dict.fromkeys(map(severity_label, worlds.values())))
     inside, outside = (tallies_of(by_severity(rows), *sets) for sets in ((), (OUTSIDE,)))
     found = [_means_table(inside, levels), _cells_table(inside, levels, "Start poses inside the training square")]
