@@ -60,7 +60,7 @@ def train_policy(
     """
     environment = build_environment(files, environment_settings, litter=settings.litter, latency=settings.latency)
     try:
-        delay = command_delay(environment, of_model=not unchanged_teacher)
+        delay = 0.0 if unchanged_teacher else command_delay(environment)
         controller: Controller = build_controller(files.item, environment_settings, delay=delay)
         if any(controller_offset):
             controller = BiasedController(controller, controller_offset)
@@ -104,20 +104,15 @@ def train_policy(
     return training
 
 
-def command_delay(environment: PickEnvironment, *, of_model: bool = True) -> float:
+def command_delay(environment: PickEnvironment) -> float:
     """Return by how many control periods commands act late in an environment on the simulated world, for the teacher's gain.
 
-    It is the model's `arm.delay`, what effects of the model, such as `command_delay` and `lag`, add to it, and the mean of the
-    dead times that episodes draw.
-
-    Args:
-        environment: The environment.
-        of_model: Whether the model's share counts.
+    It is the model's `arm.delay` and what effects of the model, such as `command_delay` and `lag`, add to it. The dead times
+    that episodes draw do not count: the controller bears them with its usual gain.
     """
     world = environment.world
     assert isinstance(world, SimWorld)
-    seconds = 0.5 * world.latency + (world.controller.setup.latency if of_model else 0.0)
-    return seconds * world.model.timing.control_hz
+    return world.controller.setup.latency * world.model.timing.control_hz
 
 
 def cpu_seconds_to(rows: list[Row], success: float) -> float | None:
