@@ -22,6 +22,7 @@ HEADLINES = (
         "place_mirror_fixed",
         "drop_eight_mirror_fixed",
     ),
+    *("severity_grasp_2", "severity_grasp_3", "severity_place_2", "severity_mesh_2", "severity_grasp_outside_2"),
     *("rl_sim_drop_mirror_fixed", "study_lead_min", "gap_named_right_t2", "gap_wrong_t2", "gap_false_alarm"),
     *("gap_named_right_t5", "gap_wrong_t5", "gap_tosses_closed", "gap_so101_median", "gap_so101_worst"),
 )
