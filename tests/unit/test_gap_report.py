@@ -79,7 +79,7 @@ def test_an_account_is_told_line_by_line(tmp_path):
     found = findings("none_of_the_known", warnings=["The gap is 70 times the noise."])
     entry = {**found["effects"][0], "label": "coulomb:axis", "share": 0.62, "verdict": "one of"}
     entry["alternatives"] = ["viscous:axis"]
-    remains = {"channel": "position.axis", "phase": "fast", "size": 4.2, "unit": "noise"}
+    remains = {"channel": "position.axis", "phase": "when it moves fast", "size": 4.2, "unit": "noise"}
     text = page(tmp_path, {**found, "account": {"entries": [entry], "explained": 0.62, "remains": remains}})
     for said in (
         "The account",
@@ -134,12 +134,23 @@ def test_every_verdict_has_a_page_and_a_next_step(tmp_path, verdict, label, said
 @pytest.mark.usefixtures("without_figures")
 def test_an_account_that_calls_an_effect_likely_stands_at_the_top(tmp_path):
     entry = {**findings()["effects"][0], "label": "coulomb", "share": 0.7, "verdict": "likely, not proven", "alternatives": []}
-    remains = {"channel": "position", "phase": "at rest", "size": 2.0, "unit": "noise"}
+    remains = {"channel": "position", "phase": "while the joint is at rest", "size": 2.0, "unit": "noise"}
     text = page(tmp_path, findings("none_of_the_known", account={"entries": [entry], "explained": 0.7, "remains": remains}))
     assert "none of the known effects" not in text
     assert "likely, not proven" in text[: text.index('id="residuals"')]
-    assert "Most of the rest: position, at rest, 2 times the noise." in text
+    assert "Most of the rest: position, while the joint is at rest: 2 times the noise." in text
     assert "The same commands went to a machine" in text
+
+
+@pytest.mark.usefixtures("without_figures")
+@pytest.mark.parametrize(("explained", "label"), [(0.77, "likely together, none proven"), (0.4, "none of the known effects")])
+def test_effects_that_only_together_close_most_are_told_at_the_top(tmp_path, explained, label):
+    entry = {**findings()["effects"][0], "label": "coulomb", "share": 0.3, "verdict": "likely, not proven", "alternatives": []}
+    remains = {"channel": "position.elbow", "phase": "when it moves fast", "size": 2000.0, "unit": "noise"}
+    account = {"entries": [entry, entry], "explained": explained, "remains": remains}
+    text = page(tmp_path, findings("none_of_the_known", account=account))
+    assert label in text[: text.index('id="residuals"')]
+    assert "Most of the rest: position of elbow, when it moves fast: 2\u202f000 times the noise." in text
 
 
 @pytest.mark.usefixtures("without_figures")

@@ -24,6 +24,7 @@ from gsbridge.gap.contact.starts import pooled_speeds
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis, digits_of
 from gsbridge.gap.diagnosis.results import ROLES, AccountEntry, Verification
+from gsbridge.gap.diagnosis.wording import plain
 
 _HOLDS = 2.0 / 3.0
 """Share of the gap, in weighted distances, that a named effect must close on `verify`.
@@ -125,7 +126,7 @@ class ThrowAccount(Account):
         return (f"{self._apart(diagnosis)}, which no known effect explains",)
 
     def _apart(self, diagnosis: Diagnosis) -> str:
-        gap, floor = (f"{self.scale * x:.3g} mm" for x in (diagnosis.finding.before, diagnosis.floor["position"]))
+        gap, floor = (f"{plain(self.scale * x)} mm" for x in (diagnosis.finding.before, diagnosis.floor["position"]))
         return f"simulated and measured throws are {gap} apart, where noise and chaos explain {floor}"
 
     def unit_of(self, parameter: Parameter) -> str:
@@ -148,7 +149,7 @@ class ThrowAccount(Account):
     def change(self, checked: Verification) -> str:
         """Return the words for how the mean distance changes on `verify`."""
         verb = "falls" if checked.after <= checked.before else "rises"
-        sizes = f"{1e3 * checked.before:.3g} to {1e3 * checked.after:.3g} mm"
+        sizes = f"{plain(1e3 * checked.before)} to {plain(1e3 * checked.after)} mm"
         return f"the mean distance {verb} from {sizes} on throws it has not seen"
 
 

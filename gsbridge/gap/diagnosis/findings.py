@@ -10,7 +10,6 @@ import numpy as np
 
 from gsbridge.effects.base import Effect, Parameter
 from gsbridge.effects.registry import Applied, Registry
-from gsbridge.gap.diagnosis.chances import p_sentence
 from gsbridge.gap.diagnosis.results import (
     ABSTAINING,
     LIKELY,
@@ -22,6 +21,7 @@ from gsbridge.gap.diagnosis.results import (
     Rules,
     Verification,
 )
+from gsbridge.gap.diagnosis.wording import channel_name, p_sentence, plain
 from gsbridge.geometry import Array
 
 _LISTED = 5
@@ -308,7 +308,7 @@ class Account:
         first = account.entries[0]
         lines = [self._line(entry) for entry in account.entries[:_LISTED] if entry is first or abs(entry.share) >= 0.005]
         more = f" and {len(account.entries) - len(lines)} more" if len(account.entries) > len(lines) else ""
-        rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
+        rest = f", mostly in the {channel_name(account.channel)}, {account.phase}" if account.channel else ""
         head = f"No single known effect suffices. Closest {'are' if account.entries[1:] else 'is'}"
         most = "Several known effects together explain most of the gap, none of them proven:"
         head = f"{most if account.explained >= TRANSFERS > first.share else head} {', '.join(lines)}{more}"
@@ -329,7 +329,7 @@ class Account:
 
     def leaves(self, diagnosis: Diagnosis) -> str:
         """Return the words for what the best explanation leaves when nothing can be named."""
-        return f"leaves {diagnosis.finding.after:.3g} times the noise of {diagnosis.finding.before:.3g}"
+        return f"leaves {plain(diagnosis.finding.after)} times the noise of {plain(diagnosis.finding.before)}"
 
     def lacks(self, item: Mapping[str, Any]) -> str:
         """Return the words for one effect that the model lacks (`item` is an entry of `describe`), with its figures."""
@@ -340,7 +340,9 @@ class Account:
     def change(self, checked: Verification) -> str:
         """Return the words for how the gap changes on `verify`."""
         verb = "falls" if checked.after <= checked.before else "rises"
-        return f"the gap {verb} from {checked.before:.3g} to {checked.after:.3g} times the noise on a record it has not seen"
+        return (
+            f"the gap {verb} from {plain(checked.before)} to {plain(checked.after)} times the noise on a record it has not seen"
+        )
 
 
 def _by_deviations(finding: Finding) -> tuple[Mapping[str, tuple[float, float]], ...]:

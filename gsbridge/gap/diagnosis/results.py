@@ -53,7 +53,6 @@ class Rules:
         several: The same for several effects, on `select` or on `verify`: enough of them mimic a law that is missing.
         deviations: Standard deviations by which a gain on `select` must exceed chance, also under coloured noise.
         most: Largest number of effects in an explanation, outside an account.
-        draws: Number of draws of the block bootstrap.
         budget: Largest number of simulations of one diagnosis, without the bank and the account.
         larger: Factor by which what each of several effects explains must exceed what remains: an effect smaller than the
             model's own error is not named.
@@ -74,7 +73,6 @@ class Rules:
     several: float = 0.95
     deviations: float = 3.0
     most: int = 3
-    draws: int = 500
     budget: int = 90
     larger: float = 3.0
     least: float = 0.01
@@ -372,7 +370,7 @@ class GapAccount:
         entries: Effects in the order in which they explain the gap.
         explained: Share of the gap on `verify` that they close together.
         closes: The same share in the measure that names are judged by: of squares if gaps are root mean squares.
-        channel, phase: Where most remains; empty if nothing stands out.
+        channel, phase: Where most remains, the phase in words; empty if nothing stands out.
         left: Residual there, in the diagnosis' own unit.
     """
 

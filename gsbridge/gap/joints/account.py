@@ -11,6 +11,7 @@ import numpy as np
 
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, TRANSFERS, AccountEntry, Finding, GapAccount, Hypothesis
+from gsbridge.gap.diagnosis.wording import place
 from gsbridge.gap.joints.pooled import PooledResiduals
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -65,8 +66,8 @@ def account_of(search: Search, finding: Finding, whole: Hypothesis, third: Joint
     if not np.isfinite(values).any():
         return account
     row, column = np.unravel_index(int(np.argmax(values)), values.shape)
-    columns = [name for names in found.groups.values() for name in names]
-    return replace(account, channel=found.channels[row], phase=columns[column], left=float(values[row, column]))
+    phase = place(*[(group, name) for group, names in found.groups.items() for name in names][column])
+    return replace(account, channel=found.channels[row], phase=phase, left=float(values[row, column]))
 
 
 def _size(view: JointResiduals, effects: Sequence[Applied]) -> float:

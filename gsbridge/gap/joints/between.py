@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from gsbridge.gap.diagnosis.results import Finding
+from gsbridge.gap.diagnosis.wording import plain
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 
@@ -61,8 +62,8 @@ class OtherWay:
         other = _OTHER[self.stated]
         return (
             f"The model says that commands are {_DOES[self.stated]} between two samples. If they were {_DOES[other]}, it would "
-            f"leave {sizes[1]:.3g} instead of {sizes[0]:.3g} times the noise without any effect: ask what sent them, and write "
-            f"'between: {other}' under 'controller' if that is how they went on."
+            f"leave {plain(sizes[1])} instead of {plain(sizes[0])} times the noise without any effect: ask what sent them, and "
+            f"write 'between: {other}' under 'controller' if that is how they went on."
         )
 
 

@@ -25,6 +25,7 @@ from gsbridge.gap.diagnosis.results import (
     Rules,
     Verification,
 )
+from gsbridge.gap.diagnosis.wording import plain
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
 from gsbridge.gap.joints.bank import signature_bank
@@ -84,8 +85,8 @@ class JointAccount(Account):
         if not finding.coloured or finding.before < _LOUD:
             return further
         return (
-            f"what is left is {finding.before:.3g} times the noise that neighbouring samples show, and nothing shows that it "
-            "is motion: a filter in the sensor hides its noise from them, perhaps. Log one motion twice and name it under "
+            f"what is left is {plain(finding.before)} times the noise that neighbouring samples show, and nothing shows that "
+            "it is motion: a filter in the sensor hides its noise from them, perhaps. Log one motion twice and name it under "
             "'repeats', or state the 'noise'",
             *further,
         )
@@ -360,8 +361,8 @@ def _warnings(finding: Finding, bank: SignatureBank, stated: bool) -> tuple[str,
     out = []
     if finding.before > _FAR and not stated:
         out.append(
-            f"The gap is {finding.before:.3g} times the noise that neighbouring samples show. Filters in an encoder hide noise "
-            "from them: log one motion twice and name it under 'repeats', or state a 'tolerance'."
+            f"The gap is {plain(finding.before)} times the noise that neighbouring samples show. Filters in an encoder hide "
+            "noise from them: log one motion twice and name it under 'repeats', or state a 'tolerance'."
         )
     if finding.lost:
         out.append(f"These fits did not converge, so that nothing is said of them: {', '.join(finding.lost)}.")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsbridge.gap.diagnosis.results import Finding
+from gsbridge.gap.diagnosis.wording import plain
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
@@ -49,8 +50,8 @@ class EffortScale:
         check = f"turn the sign of the efforts of {', '.join(turned)}, and " if turned else ""
         return (
             f"Efforts are logged in another scale than the model has: logged by simulated are {listed}. With these scales "
-            f"{sizes[1]:.3g} instead of {sizes[0]:.3g} times the noise remain without any effect, which none explains better: "
-            f"{check}check the unit of the efforts, and 'torque_per_ampere' where they come from currents."
+            f"{plain(sizes[1])} instead of {plain(sizes[0])} times the noise remain without any effect, which none explains "
+            f"better: {check}check the unit of the efforts, and 'torque_per_ampere' where they come from currents."
         )
 
 

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
+from gsbridge.gap.diagnosis.wording import channel_name
 from gsbridge.geometry import Array
 
 BEFORE, AFTER, NOISE = "#c2660c", "#1f6f8b", "#8a96a3"
@@ -60,12 +61,6 @@ def data_uri(figure: Figure) -> str:
 def channel_units(about: Mapping[str, Any]) -> dict[str, str]:
     """Units of channels: by kind, and by name for joints that slide, which `records.json` lists."""
     return UNITS | {f"{kind}.{joint}": unit for joint in about.get("sliding", ()) for kind, unit in SLIDING_UNITS.items()}
-
-
-def channel_name(channel: str) -> str:
-    """Title of a channel: `position of axis` for `position.axis`."""
-    kind, _, joint = channel.partition(".")
-    return f"{kind} of {joint}" if joint else kind
 
 
 def largest(values: Mapping[str, float], count: int) -> list[str]:

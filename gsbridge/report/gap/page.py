@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from gsbridge.files import read_json
-from gsbridge.gap.diagnosis.chances import percentage
+from gsbridge.gap.diagnosis.wording import amount, channel_name, percentage, plain
 from gsbridge.gap.image.case import PHOTOS
-from gsbridge.report.gap.figures import channel_name, channel_units, draw_residual_map
+from gsbridge.report.gap.figures import channel_units, draw_residual_map
 from gsbridge.report.gap.picture_page import write_picture_report
 from gsbridge.report.gap.sections import JUDGED, MECHANISM, THROWS, CaseSections, read_series
 from gsbridge.report.gap.text import (
-    amount,
     effect_notes,
     effect_rows,
     effect_title,
@@ -23,7 +22,6 @@ from gsbridge.report.gap.text import (
     looks_like,
     most,
     next_steps,
-    plain,
     remains,
     unseen,
 )
@@ -129,7 +127,7 @@ def _account_text(findings: Mapping[str, Any], parts: CaseSections) -> str:
     alone = len(account["entries"]) == 1
     what, each = ("It closes", "") if alone else ("Together they close", "Each share is what an effect adds to those above it.")
     left = account["remains"]
-    rest = f"Most of the rest: {left['channel']}, {left['phase']}, {amount(left['size'], left['unit'])}."
+    rest = f"Most of the rest: {channel_name(left['channel'])}, {left['phase']}: {amount(left['size'], left['unit'])}."
     seen = f"{unseen(findings)} that neither fitting nor choosing has seen"
     told = f"{what} {100 * account['explained']:.0f} % of the gap on {seen}."
     return " ".join(text for text in (told, each, parts.shares_note, rest if left["channel"] else "") if text)

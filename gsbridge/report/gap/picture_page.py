@@ -18,10 +18,10 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.gap.diagnosis.chances import p_value, percentage
+from gsbridge.gap.diagnosis.wording import p_value, percentage, plain
 from gsbridge.geometry import Array
 from gsbridge.report.gap.figures import data_uri
-from gsbridge.report.gap.text import advice, effect_notes, effect_rows, head, plain
+from gsbridge.report.gap.text import advice, effect_notes, effect_rows, head
 from gsbridge.report.pages.html import write_page
 
 _FULL = 6.0

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from gsbridge.errors import InputError
-from gsbridge.gap.diagnosis.chances import p_value
+from gsbridge.gap.diagnosis.wording import p_value, plain
 from gsbridge.geometry import Array
 from gsbridge.report.gap.figures import draw_channels, draw_each, draw_residuals, draw_throws
-from gsbridge.report.gap.text import plain
 
 JUDGED = "verify"
 """The record whose residuals are shown: neither fitting nor choosing has seen it."""

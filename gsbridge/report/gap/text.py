@@ -9,20 +9,21 @@ import numpy as np
 
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
-from gsbridge.gap.diagnosis.chances import p_sentence
-from gsbridge.gap.diagnosis.results import Rules, says_likely
-from gsbridge.report.gap.figures import channel_name
+from gsbridge.gap.diagnosis.results import TRANSFERS, Rules, says_likely
+from gsbridge.gap.diagnosis.wording import amount, channel_name, p_sentence, place
 
 LABELS = {
     "no_discrepancy": ("no discrepancy", "good"),
     "named": ("named", "good"),
     "ambiguous": ("ambiguous", "warn"),
     "likely": ("likely, not proven", "warn"),
+    "together": ("likely together, none proven", "warn"),
     "none_of_the_known": ("none of the known effects", "warn"),
     "not_attributable": ("something remains, not attributable", "warn"),
     "not_enough_excitation": ("not enough excitation", "warn"),
 }
-"""Title of each verdict, and its tone: whether it is an answer. `likely` stands for findings of which `says_likely` is true."""
+"""Title of each verdict, and its tone: whether it is an answer. `likely` stands for findings of which `says_likely` is true,
+`together` for those that name nothing, but whose account closes as much of the gap as a name must."""
 
 _UNFITTED = {
     "not_attributable": "nothing learnt from some throws holds on others",
@@ -33,7 +34,7 @@ _UNFITTED = {
 
 def head(found: Mapping[str, Any]) -> dict[str, Any]:
     """Collect the head of a page about findings, by the names that its template asks for."""
-    label, tone = LABELS["likely" if says_likely(found) else found["verdict"]]
+    label, tone = LABELS[_answer(found)]
     return {
         "verdict": label,
         "tone": tone,
@@ -41,6 +42,14 @@ def head(found: Mapping[str, Any]) -> dict[str, Any]:
         "reasons": found["reasons"],
         "sentence": found["sentence"],
     }
+
+
+def _answer(found: Mapping[str, Any]) -> str:
+    """Name the entry of `LABELS` for some findings."""
+    if says_likely(found):
+        return "likely"
+    several = found["verdict"] == "none_of_the_known" and (found.get("account") or {}).get("explained", 0.0) >= TRANSFERS
+    return "together" if several else found["verdict"]
 
 
 def explanation(names: Any) -> str:
@@ -107,39 +116,12 @@ def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
     columns = [(group, name) for group, names in found["groups"].items() for name in names]
     row, column = np.unravel_index(int(np.where(marked, values, -np.inf).argmax()), values.shape)
     group, name = columns[column]
-    how = {
-        "phase": f"while the joint {name}",
-        "speed": f"when it moves {name}",
-        "position": f"in the {name} third of its range",
-    }
-    how["load"] = f"under {name} load"
-    how["start speed"] = f"in {name} throws"
-    how["start spin"] = f"in throws with {name} spin"
-    place = {
-        "flight": "in flight",
-        "impact": "at the first impact",
-        "after": "behind the first impact",
-        "at rest": "while the joint is at rest",
-        "steady +": "at steady speed forwards",
-        "steady −": "at steady speed backwards",
-    }
-    words = (place.get(name) or how[group]).replace(" +", " forwards").replace(" −", " backwards")
-    return f"{channel_name(found['channels'][row])}, {words}: {amount(values[row, column], unit)}"
+    return f"{channel_name(found['channels'][row])}, {place(group, name)}: {amount(values[row, column], unit)}"
 
 
 def unseen(findings: Mapping[str, Any]) -> str:
     """Name the data that nothing was fitted to: `throws` or `a record`."""
     return "throws" if "throws" in findings else "a record"
-
-
-def plain(value: float) -> str:
-    """Format a number with three digits; from 100 on without decimals and in groups of three digits."""
-    return f"{value:,.0f}".replace(",", "\u202f") if value >= 100 else f"{value:.3g}"
-
-
-def amount(value: float, unit: str) -> str:
-    """Format the size of a residual: a multiple of the noise, or a length."""
-    return f"{plain(value)} times the noise" if unit == "noise" else f"{plain(value)} {unit}"
 
 
 def remains(findings: Mapping[str, Any], after: Mapping[str, Any]) -> str:
