@@ -22,9 +22,9 @@ from gsbridge.gap.contact.replay import HORIZON, PHASES, ThrowReplay
 from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import pooled_speeds
 from gsbridge.gap.contact.throws import Throws
-from gsbridge.gap.diagnosis.findings import Account, Diagnosis, digits_of
+from gsbridge.gap.diagnosis.findings import Account, Diagnosis
 from gsbridge.gap.diagnosis.results import ROLES, AccountEntry, Verification
-from gsbridge.gap.diagnosis.wording import plain
+from gsbridge.gap.diagnosis.wording import digits_of, plain
 
 _HOLDS = 2.0 / 3.0
 """Share of the gap, in weighted distances, that a named effect must close on `verify`.

@@ -6,8 +6,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
-import numpy as np
-
 from gsbridge.effects.base import Effect, Parameter
 from gsbridge.effects.registry import Applied, Registry
 from gsbridge.gap.diagnosis.results import (
@@ -21,7 +19,7 @@ from gsbridge.gap.diagnosis.results import (
     Rules,
     Verification,
 )
-from gsbridge.gap.diagnosis.wording import channel_name, p_sentence, plain
+from gsbridge.gap.diagnosis.wording import channel_name, p_sentence, plain, rounded
 from gsbridge.geometry import Array
 
 _LISTED = 5
@@ -369,21 +367,9 @@ def _spans(candidate: Candidate, effect: Applied, deviations: Array, wide: float
 def _figures(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the parameters of a described effect as part of a sentence."""
     return ", ".join(
-        f"{row.get('called', name)} {_rounded(row['value'], row['interval90'])} {row['unit']}".removesuffix(" 1").rstrip()
+        f"{row.get('called', name)} {rounded(row['value'], row['interval90'])} {row['unit']}".removesuffix(" 1").rstrip()
         for name, row in parameters.items()
     )
-
-
-def digits_of(interval: Sequence[float], scale: float = 1.0) -> tuple[float, int]:
-    """Return half the width of an interval, and the decimals that show its second digit after it is multiplied by `scale`."""
-    half = max(0.5 * (interval[1] - interval[0]), 1e-12)
-    return half, max(0, int(1 - np.floor(np.log10(scale * half))))
-
-
-def _rounded(value: float, interval: Sequence[float]) -> str:
-    """Format a value with half the width of its interval, both rounded to the second digit of that half width."""
-    half, digits = digits_of(interval)
-    return f"{value:.{digits}f} ± {half:.{digits}f}"
 
 
 def similar_pairs(names: Sequence[str], cosines: Array) -> list[dict[str, Any]]:

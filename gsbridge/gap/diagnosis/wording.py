@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 _LEAST = 0.001
 """Smallest probability that is printed as a number; smaller ones are printed as `<` this."""
 
@@ -61,10 +65,22 @@ def amount(value: float, unit: str) -> str:
     return f"{plain(value)} times the noise" if unit == "noise" else f"{plain(value)} {unit}"
 
 
+def digits_of(interval: Sequence[float], scale: float = 1.0) -> tuple[float, int]:
+    """Return half the width of an interval, and the decimals that show its second digit after it is multiplied by `scale`."""
+    half = max(0.5 * (interval[1] - interval[0]), 1e-12)
+    return half, max(0, int(1 - np.floor(np.log10(scale * half))))
+
+
+def rounded(value: float, interval: Sequence[float]) -> str:
+    """Format a value with half the width of its interval, both rounded to the second digit of that half width."""
+    half, digits = digits_of(interval)
+    return f"{value:.{digits}f} ± {half:.{digits}f}"
+
+
 def place(group: str, name: str) -> str:
     """Say a column of a residual map as the end of a sentence: `slows down +` is "while the joint slows down forwards"."""
     words = _PLACES.get(name) or _GROUPS[group].format(name)
     return words.replace(" +", " forwards").replace(" −", " backwards")
 
 
-__all__ = ["amount", "channel_name", "p_sentence", "p_value", "percentage", "place", "plain"]
+__all__ = ["amount", "channel_name", "digits_of", "p_sentence", "p_value", "percentage", "place", "plain", "rounded"]
