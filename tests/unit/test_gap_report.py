@@ -150,6 +150,8 @@ def test_effects_that_only_together_close_most_are_told_at_the_top(tmp_path, exp
     account = {"entries": [entry, entry], "explained": explained, "remains": remains}
     text = page(tmp_path, findings("none_of_the_known", account=account))
     assert label in text[: text.index('id="residuals"')]
+    alone = {**account, "entries": [{**entry, "share": explained, "verdict": "one of"}]}
+    assert "likely together" not in page(tmp_path, findings("none_of_the_known", account=alone))
     assert "Most of the rest: position of elbow, when it moves fast: 2\u202f000 times the noise." in text
 
 

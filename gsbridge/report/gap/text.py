@@ -48,8 +48,10 @@ def _answer(found: Mapping[str, Any]) -> str:
     """Name the entry of `LABELS` for some findings."""
     if says_likely(found):
         return "likely"
-    several = found["verdict"] == "none_of_the_known" and (found.get("account") or {}).get("explained", 0.0) >= TRANSFERS
-    return "together" if several else found["verdict"]
+    account = found.get("account") or {"entries": []}
+    if found["verdict"] == "none_of_the_known" and account["entries"]:
+        return "together" if account["explained"] >= TRANSFERS > account["entries"][0]["share"] else found["verdict"]
+    return found["verdict"]
 
 
 def explanation(names: Any) -> str:
