@@ -12,8 +12,11 @@ from gsbridge.gap.contact.identify import ThrowHypothesis, ThrowIdentification, 
 from gsbridge.gap.contact.search import ThrowFit
 from gsbridge.gap.diagnosis.results import Rules
 from gsbridge.gap.diagnosis.verdict import decide
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.arcs import arcs_of
 from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import JointCandidate
+from gsbridge.gap.joints.diagnose import diagnose_joints
 from gsbridge.gap.joints.fit import fit
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.replay import Mechanism
@@ -174,3 +177,68 @@ def test_a_set_of_throws_that_does_as_well_is_a_rival_whatever_its_parts_do(monk
     assert [trial.names for trial in judge._stand_ins(grown, 0.5e-3)] == [("late", "tilt")]
     single = ThrowHypothesis(ThrowFit(grown.fit.effects[:1], 6e-3, True), grown.errors)
     assert judge._stand_ins(single, 0.5e-3) == []
+
+
+def arcs(logged="position", **waves):
+    """Labels of arcs among effects given as `name__joint=waves`, waves of zero for what is no ripple.
+
+    The elbow goes twice as far as the shoulder, which turns by one radian.
+    """
+    who = [JointCandidate(*name.split("__")) for name in waves]
+    turns = np.linspace(0.0, 1.0, 50)[:, None] * [1.0, 2.0]
+    commands, measured = ({"command": turns}, {"tool": np.zeros((50, 3))}) if logged == "tool" else ({}, {logged: turns})
+    record = Record("log", np.arange(50) * 0.01, ("shoulder", "elbow"), commands, measured)
+    effects = [c.applied({"waves": count}) for c, count in zip(who, waves.values(), strict=True)]
+    return [str(arc) for arc in arcs_of([SimpleNamespace(record=record)], who, effects)]
+
+
+def test_a_ripple_of_less_than_one_wave_draws_a_curve_beside_another_torque_by_the_angle():
+    assert arcs(ripple__shoulder=6.0, effort_offset__shoulder=0) == ["ripple:shoulder"]
+    assert arcs(ripple__shoulder=6.5, effort_offset__shoulder=0) == []
+    # The elbow goes twice as far, and passes as many waves at half as many per turn.
+    assert arcs(ripple__elbow=3.0, spring__elbow=0) == ["ripple:elbow"]
+    assert arcs(ripple__elbow=3.5, spring__elbow=0) == []
+    assert arcs(ripple__shoulder=3.0, spring__elbow=0) == []
+    assert arcs(ripple__shoulder=3.0, coulomb__shoulder=0, viscous__shoulder=0) == []
+    assert arcs(ripple__shoulder=3.0) == []
+    # A tracker of the tool tells of no joint, whose commands must do.
+    assert arcs("tool", ripple__shoulder=6.0, coulomb_asym__shoulder=0) == ["ripple:shoulder"]
+    assert arcs("tool", ripple__shoulder=6.5, coulomb_asym__shoulder=0) == []
+
+
+@pytest.mark.parametrize(
+    ("beside", "waves", "verdict"),
+    [("coulomb", 2.5, "named"), ("spring", 8.0, "named"), ("effort_offset", 2.5, "arc")],
+)
+def test_a_curve_over_the_angle_is_drawn_but_not_named(axis, beside, waves, verdict):
+    """An arc beside a constant explains all of a gap, and yet may stand for a cable that stiffens; a real ripple does not."""
+    parts = {"coulomb": {"torque": 0.3}, "spring": {"stiffness": 2.0, "rest": 0.3}, "effort_offset": {"torque": 0.5}}
+    ripple = JointCandidate("ripple", "axis").applied({"sine": 0.4, "cosine": 0.2, "waves": waves})
+    logs = simulated(axis, records_of(axis), (JointCandidate(beside, "axis").applied(parts[beside]), ripple))
+    found = diagnose_joints(axis[0], logs, axis[2] / "bank", names=("coulomb", "effort_offset", "ripple", "spring", "viscous"))
+    if verdict == "named":
+        assert found.finding.verdict == "named"
+        assert set(found.finding.best.names) == {f"{beside}:axis", "ripple:axis"}
+        assert not any("wave" in warning for warning in found.warnings)
+        return
+    assert found.finding.verdict in ("none_of_the_known", "ambiguous")
+    assert not any(entry.verdict == "named" for entry in found.account.entries)
+    # The account closes the gap all the same.
+    assert found.account.explained > 0.95
+
+
+def test_an_arc_is_no_sure_part_of_a_larger_set(axis):
+    """Friction of either kind beside a constant and an arc: what both explanations share is not named, since it is a curve."""
+    parts = {"coulomb": {"torque": 0.05}, "viscous": {"coefficient": 0.02}, "effort_offset": {"torque": 0.5}}
+    parts["ripple"] = {"sine": 0.4, "cosine": 0.2, "waves": 2.5}
+    shared = [JointCandidate(name, "axis") for name in ("effort_offset", "ripple")]
+    logs = simulated(axis, records_of(axis), [c.applied(parts[c.name]) for c in (*shared, JointCandidate("coulomb", "axis"))])
+    views = [JointResiduals.of(Mechanism(axis[0]), logs[role]) for role in ("fit", "select")]
+    who = [*shared, JointCandidate("coulomb", "axis"), JointCandidate("viscous", "axis")]
+    search = JointIdentification(views[0], views[1], signature_bank(views[0], who, axis[2] / "bank"), who)
+    sets = [[*shared, who[2]], [*shared, who[3]], shared]
+    trials = [search.trial_of(fit(views[0], each, [parts[c.name] for c in each])) for each in sets]
+    found = decide(trials, search.rules, search.floor)
+    assert search._arcs(trials[0]) == (shared[1],)
+    assert min(search._closed(trial) for trial in trials) > 0.9
+    assert search._sure_part(found, trials) is None

@@ -15,6 +15,7 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis
 from gsbridge.gap.diagnosis.results import (
+    ABSTAINING,
     NAMED,
     ROLES,
     SILENT,
@@ -28,6 +29,7 @@ from gsbridge.gap.diagnosis.results import (
 from gsbridge.gap.diagnosis.wording import plain
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
+from gsbridge.gap.joints.arcs import arc_warning, arcs_of
 from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.between import other_way
 from gsbridge.gap.joints.candidates import candidates
@@ -218,6 +220,10 @@ def _diagnosis(
         warnings = (*warnings, _COLOURED.format(memory=float(second.colour.memory.max()) * second.record.period * 1e3))
     if other is not None and other.tells(finding):
         warnings = (other.sentence, *warnings)
+    listed = () if account is None else account.entries
+    arcs = arcs_of((first, second), [entry.candidate for entry in listed], [entry.effect for entry in listed])
+    if arcs and finding.verdict in ABSTAINING:
+        warnings = (arc_warning(arcs), *warnings)
     return Diagnosis(
         finding,
         verification,

@@ -10,6 +10,7 @@ import numpy as np
 from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, closed_beside_rest
 from gsbridge.gap.diagnosis.results import Candidate, Finding, Hypothesis
 from gsbridge.gap.diagnosis.verdict import Decision, decide, slim, transfer
+from gsbridge.gap.joints.arcs import arcs_of
 from gsbridge.gap.joints.candidates import closed_beside_knocks
 from gsbridge.gap.joints.coherence import related
 from gsbridge.gap.joints.explanations import CHECKED, Explanations, without_one
@@ -148,6 +149,7 @@ class JointIdentification(Explanations):
         self, trials: list[Hypothesis], matches: Sequence[SignatureMatch], p_value: float, unseen: tuple[str, ...]
     ) -> Finding:
         rules = self.rules
+        trials = self._without_arcs(trials)
         first = decide(trials, rules, self.floor)
         # Refit the best explanation, its near rivals, and those that do as well on `fit`, with derivatives of their own:
         # derivatives from signatures lead some fits to parameters that hold on no other record.
@@ -164,7 +166,8 @@ class JointIdentification(Explanations):
         remains = p_remaining < rules.alarm
         names: tuple[str, ...] = ()
         part = None
-        if best.fit.stopped or best.fit.blurred or (remains and not self._suffices(best, trials)):
+        mimics = best.fit.stopped or best.fit.blurred or self._arcs(best)
+        if mimics or (remains and not self._suffices(best, trials)):
             verdict = "none_of_the_known"
             part = self._sure_part(found, trials)
         elif found.near or found.chances[0] < rules.sure or self._untried((best, *found.near), trials):
@@ -197,6 +200,16 @@ class JointIdentification(Explanations):
             float(np.sqrt(self.plain_chi2 / self.second.freedom)), float(np.sqrt(best.chi2 / self.second.freedom)),
             self._used(), unseen, lost=tuple(sorted(self.lost)),
         )  # fmt: skip
+
+    def _arcs(self, trial: Hypothesis) -> tuple[Candidate, ...]:
+        """Find ripples in a trial that may stand for any smooth curve over the angle."""
+        return arcs_of((self.first, self.second), trial.fit.who, trial.fit.effects)
+
+    def _without_arcs(self, trials: list[Hypothesis]) -> list[Hypothesis]:
+        """Drop explanations by arcs if another one does about as well; else keep all."""
+        told, best = [t for t in trials if not self._arcs(t)], min(trials, key=lambda trial: trial.score)
+        wide = max(1.0, best.chi2 / self.floor)
+        return told if told and min(t.score for t in told) - best.score < self.rules.margin * wide else trials
 
     def _twins_at_a_finer_step(self, found: Decision) -> list[Hypothesis]:
         """Find rivals that cannot be told from the best explanation once the time step's error is taken off.
@@ -262,7 +275,7 @@ class JointIdentification(Explanations):
             return None
         leaves = max(_AS_LITTLE * (1.0 - self._closed(best)), _LITTLE)
         good = [trial for trial in (*found.near, *trials) if 1.0 - self._closed(trial) <= leaves]
-        core = {who for who in best.fit.who if all(trial.holds(who) for trial in good)}
+        core = {who for who in best.fit.who if all(trial.holds(who) for trial in good)}.difference(self._arcs(best))
         if not core or core == set(best.fit.who):
             return None
         part = next((trial for trial in trials if set(trial.fit.who) == core), None)
