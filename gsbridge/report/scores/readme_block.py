@@ -45,7 +45,8 @@ def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, s
     quoted = [known[name] for name in HEADLINES if known.get(name, ("", {}))[1].get("value") is not None]
     lines = [*_table(quoted), ""] if quoted else []
     floors = [(area, score) for area, score in known.values() if score.get("floor") is not None]
-    missed = [(area, score) for area, score in floors if not score["met"]]
+    missed = [(area, score) for area, score in floors if not score["met"] and score["value"] is not None]
+    unmeasured = [(area, score) for area, score in floors if score["value"] is None]
     if missed:
         lines += [
             f"Missed floors, {len(missed)} of the {len(floors)} in the areas that are measured on this tree:",
@@ -53,6 +54,9 @@ def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, s
             *_table(missed),
             "",
         ]
+    if unmeasured:
+        lines += [f"Floors that nothing was measured against, {len(unmeasured)} of the {len(floors)}:", ""]
+        lines += [*(f"* {score['what']}: {shown_floor(score)} ({area})" for area, score in unmeasured), ""]
     stale = [area for area, record in records.items() if record and area not in fresh]
     never = [area for area, record in records.items() if not record]
     if not fresh:
