@@ -21,6 +21,7 @@ from gsbridge.report.scores.evidence import flattened, write_evidence, write_pac
 from gsbridge.report.scores.measured_policies import success_figures
 from gsbridge.report.scores.measured_severity import graded_figures, severity_figures, worth_figures
 from gsbridge.report.scores.readme_block import BEGIN, END, HEADLINES, readme_block, with_block
+from gsbridge.report.scores.results_page import shown_interval
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import read_rows, write_rows
@@ -274,6 +275,15 @@ def test_every_missed_floor_is_told_whether_it_is_a_headline_or_not(value, head,
     )
     assert told in block.partition(head)[2]
     assert block.count("1 of the 2") == 1
+
+
+def test_a_mean_of_two_shows_both_values():
+    """Student's interval of two values is wider than anything possible."""
+    score = {"interval": [-226.6, 265.3], "interval_of": "95 % of the mean over scenes (Student)"}
+    assert shown_interval({**score, "by_scene": {"a": 38.7096, "b": -0.0}}) == "38.71 and 0 (both)"
+    assert shown_interval({**score, "by_scene": {"a": 1.0, "b": 2.0, "c": 3.0}}) == "-226.6 … 265.3"
+    assert shown_interval({"interval": [1.0, 2.0], "interval_of": "range over scenes", "by_scene": {"a": 1, "b": 2}}) == "1 … 2"
+    assert shown_interval({"interval": None}) == "–"
 
 
 def test_the_block_is_replaced_and_nothing_else():

@@ -58,8 +58,13 @@ def shown_floor(score: Mapping[str, Any]) -> str:
 
 
 def shown_interval(score: Mapping[str, Any]) -> str:
-    """Both ends of a figure's interval; a dash where it has none."""
-    interval = score.get("interval")
+    """Both ends of a figure's interval; a dash where it has none.
+
+    Two values alone give a mean's interval that is wider than anything possible, so that both are shown instead.
+    """
+    interval, each = score.get("interval"), score.get("by_scene") or {}
+    if len(each) == 2 and "Student" in str(score.get("interval_of")):
+        return f"{' and '.join(shown(value + 0.0) for value in each.values())} (both)"
     return f"{shown(interval[0])} … {shown(interval[1])}" if interval else "–"
 
 
