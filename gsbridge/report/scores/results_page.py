@@ -60,7 +60,8 @@ def shown_floor(score: Mapping[str, Any]) -> str:
 def shown_interval(score: Mapping[str, Any]) -> str:
     """Both ends of a figure's interval; a dash where it has none.
 
-    Two values alone give a mean's interval that is wider than anything possible, so that both are shown instead.
+    A mean of two shows both values instead: Student's interval of two is wider than anything possible, and one that counts
+    trials hides how far they are apart.
     """
     interval, each = score.get("interval"), score.get("by_scene") or {}
     if len(each) == 2 and "Student" in str(score.get("interval_of")):
