@@ -83,11 +83,12 @@ docs: .venv-docs/.installed
 # nobody has tuned on it; real logs and captures count where GSBRIDGE_MEASURED and GSBRIDGE_CAPTURES name their folders. A clone
 # holds the records of areas without their results, and so snakemake would find nothing to do: the records are made anew.
 PART ?= $(PARTS)
-PARTS := tables simulator shapes study worlds loops severity worth gap gap_rivals gap_bodies gap_pictures gap_real
+PARTS := tables simulator shapes photos study worlds loops severity worth gap gap_rivals gap_bodies gap_pictures gap_real
 SEAL := results/.state/seal
 EVIDENCE_tables := all benchmarks/scores/real2sim.json benchmarks/scores/policies.json
 EVIDENCE_simulator := simulator benchmarks/scores/simulator.json
 EVIDENCE_shapes := benchmarks/scores/shapes.json
+EVIDENCE_photos := benchmarks/scores/photos.json
 EVIDENCE_study := study benchmarks/scores/study.json
 EVIDENCE_worlds := benchmarks/scores/worlds.json
 EVIDENCE_loops := benchmarks/scores/loops.json

@@ -19,7 +19,7 @@ from gsbridge.digests import code_digest, kernel_digest, script_digest
 from gsbridge.experiment.evidence import EvidencePlan
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
-from gsbridge.experiment.plan import Experiment
+from gsbridge.experiment.plan import RECIPE, Experiment
 from gsbridge.experiment.policies import ANY, policy_files, workspace_of
 from gsbridge.experiment.policies import training_memory, training_minutes
 from gsbridge.experiment.provenance import provenance, provenances
@@ -214,6 +214,11 @@ def splat_settings(wildcards):
     return settings(f"{config['scenes'][wildcards.scene]['kind']}_splats")
 
 
+def recipe_settings(wildcards):
+    """Budget of a training by the recipe for quality of docs/splats.md."""
+    return {**splat_settings(wildcards), **RECIPE}
+
+
 def splat_gpus(wildcards):
     """GPUs of a training of splats."""
     return int(splat_settings(wildcards)["backend"] == "cuda")
@@ -222,6 +227,11 @@ def splat_gpus(wildcards):
 def training_state(wildcards):
     """Where a training keeps its checkpoint."""
     return state_folder("train_splats", wildcards, splat_settings(wildcards), SEED)
+
+
+def recipe_state(wildcards):
+    """Where a training by the recipe keeps its checkpoint."""
+    return state_folder("train_splats", wildcards, recipe_settings(wildcards), SEED)
 
 
 def comparison_surface(wildcards):

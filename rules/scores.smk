@@ -143,6 +143,34 @@ rule score_shapes:
         "../scripts/score_shapes.py"
 
 
+rule score_photos:
+    input:
+        floors=project_file("benchmarks/floors.yaml"),
+        references=project_file("benchmarks/photos.json"),
+        files=[path for scene in PLAN.photos for path in PLAN.photo_files(scene)],
+    output:
+        measured="results/scores/measured/photos.json",
+        scores="results/scores/photos.json",
+    log:
+        "results/logs/score_photos.log",
+    benchmark:
+        "results/benchmarks/score_photos/all.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=script_digest("score_photos"),
+        behind=provenance("photos", config),
+        preset=config["preset"],
+        scenes={scene: PLAN.photo_records(scene) for scene in PLAN.photos},
+    message:
+        "Compare real things with the floors"
+    script:
+        "../scripts/score_photos.py"
+
+
 TOY_ROWS = ROOT / "toy/results/rows/grasping.csv"
 WALL_TIMES = "results/benchmarks/wall_times.json"
 

@@ -59,6 +59,45 @@ rule train_splats:
         "../scripts/train_splats.py"
 
 
+rule train_by_recipe:
+    input:
+        mesh_record="results/scenes/{scene}/mesh/mesh.json",
+        mesh="results/scenes/{scene}/mesh/visual.ply",
+        masks=scene_masks,
+        mask_images=scene_mask_images,
+        align="results/scenes/{scene}/align/align.json",
+        views="results/scenes/{scene}/align/views.json",
+        images="results/scenes/{scene}/sfm/images",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        views=directory("results/scenes/{scene}/recipe/{binding}/views"),
+        splats="results/scenes/{scene}/recipe/{binding}/splats.ply",
+        binding="results/scenes/{scene}/recipe/{binding}/binding.npz",
+        record="results/scenes/{scene}/recipe/{binding}/splats.json",
+    log:
+        "results/logs/train_by_recipe/{scene}-{binding}.log",
+    benchmark:
+        "results/benchmarks/train_by_recipe/{scene}-{binding}.jsonl"
+    conda:
+        "../envs/splats.yaml"
+    threads: SCENE_THREADS
+    resources:
+        mem_mb=3000,
+        runtime="90m",
+        gpu=splat_gpus,
+    params:
+        code=script_digest("train_splats"),
+        settings=recipe_settings,
+        kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
+        surface="visual",
+        seed=SEED,
+        state=recipe_state,
+    message:
+        "Train the {wildcards.binding} splats of {wildcards.scene} by the recipe for quality"
+    script:
+        "../scripts/train_splats.py"
+
+
 rule train_comparison:
     input:
         mesh_record="results/scenes/{scene}/mesh/mesh.json",

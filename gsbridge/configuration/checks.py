@@ -71,7 +71,8 @@ def check_configuration(config: Mapping[str, Any]) -> None:
                     f"but the scene '{scene}' shows the {scenes[scene]['board']} one",
                     "Name scenes that show the same board, and give the camera that board",
                 )
-    _check_shapes(config.get("shapes", []), scenes)
+    for key in ("shapes", "photos"):
+        _check_scored(key, config.get(key, []), scenes)
     _check_weights(config)
 
 
@@ -140,12 +141,12 @@ def _check_source(name: str, scene: Mapping[str, Any]) -> None:
         )
 
 
-def _check_shapes(shapes: Sequence[str], scenes: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse to score shapes that are not there; one with a capture of the user's own has no truth and is left out later."""
+def _check_scored(key: str, scored: Sequence[str], scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse to score objects that are not there; those whose source does not fit the key are left out later."""
     known = {name: None for name, scene in scenes.items() if scene["kind"] == "object"}
-    for name in shapes:
+    for name in scored:
         if name not in known:
-            raise _unknown("config: shapes", name, known)
+            raise _unknown(f"config: {key}", name, known)
 
 
 def _check_camera(

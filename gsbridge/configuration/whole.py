@@ -40,8 +40,8 @@ from gsbridge.configuration.splats import SplatSettings
 from gsbridge.errors import InputError
 
 Area = Literal[
-    "real2sim", "shapes", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "gap_rivals", "gap_bodies",
-    "gap_pictures", "gap_real", "loops",
+    "real2sim", "shapes", "photos", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "gap_rivals",
+    "gap_bodies", "gap_pictures", "gap_real", "loops",
 ]  # fmt: skip
 
 
@@ -142,6 +142,9 @@ class Configuration(Sections):
     """The demonstration of the closed loop (docs/gap_loop.md)."""
     shapes: Distinct[str] = Field(default=[])
     """The mirror's objects, beside those of the presets, whose masks and meshes the area `shapes` of `benchmarks/RESULTS.md`
+    measures."""
+    photos: Distinct[str] = Field(default=[])
+    """Objects with a capture of a real thing, whose splats, meshes and scale the area `photos` of `benchmarks/RESULTS.md`
     measures."""
     areas: Distinct[Area] = Field(default_factory=lambda: list(get_args(Area)), min_length=1)
     """Areas that `make results` measures anew for `benchmarks/RESULTS.md`; figures of the other areas stay as they were

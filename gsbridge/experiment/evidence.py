@@ -32,6 +32,7 @@ class EvidencePlan:
         found: Mapping[str, Callable[[], Kinds]] = {
             "real2sim": self._real2sim,
             "shapes": lambda: {"scenes": self._scene_scores(self.plan.shapes)},
+            "photos": self._photos,
             "simulator": self._simulator,
             "policies": self._policies,
             "worlds": lambda: {"trials": Tables(self.plan).table_trials("worlds", "csv")},
@@ -59,6 +60,12 @@ class EvidencePlan:
             "captures": [path for paths in self.plan.real_records.values() for path in paths.values()],
             "rasterizer": ["results/benchmarks/rasterizer.json"],
         }
+
+    def _photos(self) -> Kinds:
+        records = [self.plan.photo_records(scene) for scene in self.plan.photos]
+        stages = [str(record[name]) for record in records for name in ("sfm", "align", "masks", "mesh")]
+        splats = [str(path) for record in records for path in (*record["soft"], *record["games"], record["recipe"])]
+        return {"stages": stages, "splats": splats}
 
     def _simulator(self) -> Kinds:
         return {

@@ -17,6 +17,9 @@ from gsbridge.experiment.policies import PolicyFiles, workspace_of
 from gsbridge.given import read_given_json
 from gsbridge.reading import absent
 
+RECIPE: Mapping[str, Any] = {"max_splats": "auto", "steps": 5000, "max_pixels": 160_000}
+"""Budget of the recipe for quality; a test compares it with docs/splats.md."""
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -124,6 +127,35 @@ class Experiment:
     def shapes(self) -> list[str]:
         """Scenes of the area `shapes` whose truth the mirror knows; a scene with a capture of the user's has none."""
         return [name for name in self.config["shapes"] if "film" in self.config["scenes"][name]["source"]]
+
+    @property
+    def photos(self) -> list[str]:
+        """Scenes of the area `photos` whose captures are on this machine."""
+        real = [name for name in self.config["photos"] if name not in self.films]
+        return [name for name in real if self._is_present(name)]
+
+    def photo_records(self, scene: str) -> dict[str, list[str] | str]:
+        """What the area `photos` reads of a scene, by name: records, photos and meshes, and a list of trainings per binding."""
+        folder, first = f"results/scenes/{scene}", self.config["seed"]
+        seeds = range(first, first + self.settings("comparison")["seeds"])
+        records: dict[str, list[str] | str] = {
+            "sfm": f"{folder}/sfm/sfm.json",
+            "align": f"{folder}/align/align.json",
+            "views": f"{folder}/align/views.json",
+            "images": f"{folder}/sfm/images",
+            "masks": f"{folder}/masks/masks.json",
+            "mesh": f"{folder}/mesh/mesh.json",
+            "visual": f"{folder}/mesh/visual.ply",
+            "collision": f"{folder}/mesh/collision.ply",
+        }
+        for binding in ("soft", "games"):
+            further = [f"{folder}/comparison/visual-{binding}-seed{seed}/splats.json" for seed in seeds[1:]]
+            records[binding] = [f"{folder}/splats/{binding}/splats.json", *further]
+        return records | {"recipe": f"{folder}/recipe/soft/splats.json"}
+
+    def photo_files(self, scene: str) -> list[str]:
+        """All files and folders of `photo_records`."""
+        return [path for kept in self.photo_records(scene).values() for path in ([kept] if isinstance(kept, str) else kept)]
 
     @property
     def edited(self) -> str:

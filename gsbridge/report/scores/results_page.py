@@ -16,6 +16,7 @@ from gsbridge.statistics import wilson_interval
 AREAS = (
     "real2sim",
     "shapes",
+    "photos",
     "simulator",
     "policies",
     "worlds",
