@@ -32,8 +32,8 @@ def test_all_parts_of_the_evidence_are_measured_anew(snakemake, tmp_path):
     )
     jobs = dict(re.findall(r"^(\w+) +(\d+)$", plan.stdout, re.MULTILINE))
     records = [target for target in targets if target.startswith("benchmarks/scores/")]
-    assert int(jobs["record_scores"]) == len(set(records)) == 14
-    for score in ("real2sim", "shapes", "simulator", "policies", "worlds", "severity", "worth"):
+    assert int(jobs["record_scores"]) == len(set(records)) == 15
+    for score in ("real2sim", "shapes", "photos", "simulator", "policies", "worlds", "severity", "worth"):
         assert jobs[f"score_{score}"] == "1"
     assert jobs["score_gap"] == "5"
     assert jobs["collect_worth"] == "2"

@@ -12,6 +12,9 @@ from gsbridge.digests import import_closure
 ROOT = Path(__file__).resolve().parents[2]
 RULE_FILES = sorted((ROOT / "rules").glob("*.smk"))
 
+FURTHER_TRAININGS = {"train_comparison", "train_by_recipe"}
+"""Rules that train splats as `train_splats` does, with other seeds or another budget."""
+
 
 def rules() -> dict[str, str]:
     """Text of each rule."""
@@ -59,7 +62,7 @@ def test_a_rules_log_and_benchmark_carry_its_name_and_its_wildcards(name):
         assert {"mem_mb", "runtime"} <= set(re.findall(r"\w+(?==)", text.split("resources:")[1]))
     script = re.search(r'"\.\./scripts/(\w+)\.py"', text)
     # One script trains splats, for the scenes and for their comparison.
-    assert script is None or script[1] == {"train_comparison": "train_splats"}.get(name, name)
+    assert script is None or script[1] == ("train_splats" if name in FURTHER_TRAININGS else name)
 
 
 def test_what_rules_look_up_is_short():
@@ -71,7 +74,7 @@ def test_what_rules_look_up_is_short():
 def test_jobs_ask_for_what_they_use_wherever_the_run_was_started():
     """On a cluster, the cores of the submitting host mean nothing, and a job without a GPU in its request gets none."""
     assert not [name for name, text in rules().items() if "workflow.cores" in text]
-    assert {name for name, text in rules().items() if "gpu=" in text} == {"train_splats", "train_comparison", "train_policy"}
+    assert {name for name, text in rules().items() if "gpu=" in text} == {"train_splats", *FURTHER_TRAININGS, "train_policy"}
 
 
 @pytest.mark.parametrize("preset", ["toy", "desktop", "paper"])
