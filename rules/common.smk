@@ -209,14 +209,12 @@ def film_state(wildcards):
     return state_folder("film_scene", wildcards, film_settings(wildcards), SEED, take)
 
 
-def splat_settings(wildcards):
+def splat_settings(wildcards, **changed):
     """Budget of a training: objects and backgrounds have their own."""
-    return settings(f"{config['scenes'][wildcards.scene]['kind']}_splats")
-
-
-def recipe_settings(wildcards):
-    """Budget of a training by the recipe for quality of docs/splats.md."""
-    return {**splat_settings(wildcards), **RECIPE}
+    return {
+        **settings(f"{config['scenes'][wildcards.scene]['kind']}_splats"),
+        **changed,
+    }
 
 
 def splat_gpus(wildcards):
@@ -224,14 +222,11 @@ def splat_gpus(wildcards):
     return int(splat_settings(wildcards)["backend"] == "cuda")
 
 
-def training_state(wildcards):
+def training_state(wildcards, **changed):
     """Where a training keeps its checkpoint."""
-    return state_folder("train_splats", wildcards, splat_settings(wildcards), SEED)
-
-
-def recipe_state(wildcards):
-    """Where a training by the recipe keeps its checkpoint."""
-    return state_folder("train_splats", wildcards, recipe_settings(wildcards), SEED)
+    return state_folder(
+        "train_splats", wildcards, splat_settings(wildcards, **changed), SEED
+    )
 
 
 def comparison_surface(wildcards):

@@ -87,11 +87,11 @@ rule train_by_recipe:
         gpu=splat_gpus,
     params:
         code=script_digest("train_splats"),
-        settings=recipe_settings,
+        settings=lambda wildcards: splat_settings(wildcards, **RECIPE),
         kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
         surface="visual",
         seed=SEED,
-        state=recipe_state,
+        state=lambda wildcards: training_state(wildcards, **RECIPE),
     message:
         "Train the {wildcards.binding} splats of {wildcards.scene} by the recipe for quality"
     script:

@@ -46,10 +46,10 @@ class Experiment:
 
     @cached_property
     def project_files(self) -> set[str]:
-        """Files of the project, beside its code, that jobs read: the floors, the nominal model, and models of variants."""
+        """Files of the project, beside its code, that jobs read: floors, what is known of real things, models."""
         models = {variant["model"] for variant in self.config["variants"].values()} - {None}
         given = {model for model in models if not model.startswith("results/") and not Path(model).is_absolute()}
-        return {"benchmarks/floors.yaml", "models/nominal.yaml", *given}
+        return {"benchmarks/floors.yaml", "benchmarks/photos.json", "models/nominal.yaml", *given}
 
     # Scenes
 

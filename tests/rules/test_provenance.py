@@ -18,8 +18,13 @@ WITHOUT_FIGURES = {"compile_kernels", "copy_project_file"}
 @pytest.mark.parametrize("area", AREAS)
 def test_the_rules_behind_an_area_are_those_that_are_planned(snakemake, tmp_path, area):
     call = ["--dry-run", "--quiet", "host", "--directory", str(tmp_path), "--", f"results/scores/{area}.json"]
-    # Logs of real machines are planned only if the variables name their folders.
-    plan = snakemake(*call, GSBRIDGE_MEASURED="measured", GSBRIDGE_ROBOTS="robots").stdout
+    # Captures and logs of real things are planned only where their folders are.
+    captures = tmp_path / "captures"
+    for folder in ("banana/images", "flowerpot/images", "apple_video"):
+        (captures / folder).mkdir(parents=True)
+    (captures / "apple_video/apple.mp4").touch()
+    folders = {"GSBRIDGE_MEASURED": "measured", "GSBRIDGE_ROBOTS": "robots", "GSBRIDGE_CAPTURES": str(captures)}
+    plan = snakemake(*call, **folders).stdout
     planned = set(re.findall(r"(?m)^(\w+)\s+\d+$", plan)) - {"total"} - WITHOUT_FIGURES
     assert planned == set(RULES[area])
     assert len(RULES[area]) == len(planned)
@@ -58,7 +63,7 @@ def test_settings_of_the_gap_s_benchmark_count_where_they_are_read(config):
 
 def test_figures_about_logs_depend_on_no_scene(config):
     whole = read_configuration(config)
-    logs = [area for area in AREAS if "film_scene" not in RULES[area]]
+    logs = [area for area in AREAS if "reconstruct_cameras" not in RULES[area]]
     assert set(logs) == {"gap", "gap_rivals", "gap_bodies", "gap_real"}
     for area in logs:
         found = {name.split(".")[0] for name in provenance(area, whole)["settings"]}
