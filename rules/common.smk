@@ -209,12 +209,10 @@ def film_state(wildcards):
     return state_folder("film_scene", wildcards, film_settings(wildcards), SEED, take)
 
 
-def splat_settings(wildcards, **changed):
+def splat_settings(wildcards, **more):
     """Budget of a training: objects and backgrounds have their own."""
-    return {
-        **settings(f"{config['scenes'][wildcards.scene]['kind']}_splats"),
-        **changed,
-    }
+    kind = config["scenes"][wildcards.scene]["kind"]
+    return {**settings(f"{kind}_splats"), **more}
 
 
 def splat_gpus(wildcards):
@@ -222,11 +220,10 @@ def splat_gpus(wildcards):
     return int(splat_settings(wildcards)["backend"] == "cuda")
 
 
-def training_state(wildcards, **changed):
+def training_state(wildcards, **more):
     """Where a training keeps its checkpoint."""
-    return state_folder(
-        "train_splats", wildcards, splat_settings(wildcards, **changed), SEED
-    )
+    budget = splat_settings(wildcards, **more)
+    return state_folder("train_splats", wildcards, budget, SEED)
 
 
 def comparison_surface(wildcards):
