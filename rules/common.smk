@@ -19,7 +19,7 @@ from gsbridge.digests import code_digest, kernel_digest, script_digest
 from gsbridge.experiment.evidence import EvidencePlan
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
-from gsbridge.experiment.plan import RECIPE, Experiment
+from gsbridge.experiment.plan import Experiment
 from gsbridge.experiment.policies import ANY, policy_files, workspace_of
 from gsbridge.experiment.policies import training_memory, training_minutes
 from gsbridge.experiment.provenance import provenance, provenances
@@ -223,7 +223,7 @@ def splat_gpus(wildcards):
 def training_state(wildcards, **more):
     """Where a training keeps its checkpoint."""
     budget = splat_settings(wildcards, **more)
-    return state_folder("train_splats", wildcards, budget, SEED)
+    return state_folder("train_splats", wildcards, budget, SEED, *more)
 
 
 def comparison_surface(wildcards):

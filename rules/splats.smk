@@ -78,20 +78,22 @@ rule train_by_recipe:
         "results/logs/train_by_recipe/{scene}-{binding}.log",
     benchmark:
         "results/benchmarks/train_by_recipe/{scene}-{binding}.jsonl"
+    wildcard_constraints:
+        scene=one_of(PLAN.named("object")),
     conda:
         "../envs/splats.yaml"
     threads: SCENE_THREADS
     resources:
         mem_mb=3000,
-        runtime="90m",
+        runtime="240m",
         gpu=splat_gpus,
     params:
         code=script_digest("train_splats"),
-        settings=lambda wildcards: splat_settings(wildcards, **RECIPE),
+        settings=lambda wildcards: splat_settings(wildcards, **config["recipe"]),
         kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
         surface="visual",
         seed=SEED,
-        state=lambda wildcards: training_state(wildcards, **RECIPE),
+        state=lambda wildcards: training_state(wildcards, **config["recipe"]),
     message:
         "Train the {wildcards.binding} splats of {wildcards.scene} by the recipe for quality"
     script:

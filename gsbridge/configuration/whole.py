@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import Field, create_model
 
@@ -43,6 +43,17 @@ Area = Literal[
     "real2sim", "shapes", "photos", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "gap_rivals",
     "gap_bodies", "gap_pictures", "gap_real", "loops",
 ]  # fmt: skip
+
+
+class Recipe(Settings):
+    """Budget of the recipe for quality (docs/splats.md); all else is as in `object_splats`."""
+
+    max_splats: Annotated[Whole, Field(ge=100, le=100_000_000)] | Literal["auto"] = "auto"
+    """Upper limit of the number of splats."""
+    steps: Whole = Field(default=5000, ge=1, le=10_000_000)
+    """Optimiser steps."""
+    max_pixels: Whole = Field(default=160_000, ge=1, le=1_000_000_000)
+    """Pixels of an object's part of a photo in training."""
 
 
 class Sections(Settings):
@@ -146,6 +157,8 @@ class Configuration(Sections):
     photos: Distinct[str] = Field(default=[])
     """Objects with a capture of a real thing, whose splats, meshes and scale the area `photos` of `benchmarks/RESULTS.md`
     measures."""
+    recipe: Recipe = Field(default_factory=Recipe)
+    """Budget with which `results/scenes/{scene}/recipe/soft/splats.json` trains the splats of an object."""
     areas: Distinct[Area] = Field(default_factory=lambda: list(get_args(Area)), min_length=1)
     """Areas that `make results` measures anew for `benchmarks/RESULTS.md`; figures of the other areas stay as they were
     recorded last."""

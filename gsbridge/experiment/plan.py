@@ -17,9 +17,6 @@ from gsbridge.experiment.policies import PolicyFiles, workspace_of
 from gsbridge.given import read_given_json
 from gsbridge.reading import absent
 
-RECIPE: Mapping[str, Any] = {"max_splats": "auto", "steps": 5000, "max_pixels": 160_000}
-"""Budget of the recipe for quality; a test compares it with docs/splats.md."""
-
 
 @dataclass(frozen=True)
 class Experiment:

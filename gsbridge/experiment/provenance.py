@@ -192,6 +192,9 @@ _FOR_LOGS = ("gap", "preset", "presets", "seed")
 NOMINAL = "models/nominal.yaml"
 """The simulation model of every variant that names no other, and what the workflow's own models are made from."""
 
+REFERENCES = "benchmarks/photos.json"
+"""What is known of the real things of the area `photos`."""
+
 _OF_NOMINAL = (
     *_POLICIES,
     "try_controller_in_sim",
@@ -246,8 +249,8 @@ def matters(area: str, setting: str) -> bool:
 def models_behind(area: str, config: Mapping[str, Any], root: str | Path = PACKAGE.parent) -> dict[str, str]:
     """Digest of each model file behind an area of figures, {path as configured: digest}; empty where no rule reads one.
 
-    These are the nominal model and, where policies learn, the models that variants name. Models below `results/` do not count:
-    the workflow makes them.
+    These are the nominal model, where policies learn the models that variants name, and what is known of real things. Models
+    below `results/` do not count: the workflow makes them.
 
     Args:
         area: The area.
@@ -257,6 +260,8 @@ def models_behind(area: str, config: Mapping[str, Any], root: str | Path = PACKA
     named = []
     if not set(_OF_NOMINAL).isdisjoint(RULES[area]):
         named.append(NOMINAL)
+    if "score_photos" in RULES[area]:
+        named.append(REFERENCES)
     if not set(_POLICIES).isdisjoint(RULES[area]):
         given = {variant["model"] for variant in config["variants"].values()} - {None, NOMINAL}
         named += sorted(path for path in given if not path.startswith("results/"))

@@ -101,6 +101,24 @@ def test_any_policys_paths_become_each_ones():
     assert ANY.trials("{world}", "{seed}", "csv").format(**wildcards, seed=7, world="sim") == policy.trials("sim", 7, "csv")
 
 
+def test_real_things_are_scored_where_their_captures_are(config, tmp_path):
+    """Films have a truth, and are scored elsewhere."""
+    plan = Experiment({**config, "photos": ["cube", "mug"]}, tmp_path, tmp_path)
+    assert plan.photos == []
+    (tmp_path / "captures").mkdir()
+    (tmp_path / "captures/mug.mp4").touch()
+    plan = Experiment({**config, "photos": ["cube", "mug"]}, tmp_path, tmp_path)
+    assert plan.photos == ["mug"]
+    files = plan.photo_files("mug")
+    for binding in ("soft", "games"):
+        trained = [
+            f"results/scenes/mug/{place}/splats.json" for place in (f"splats/{binding}", f"comparison/visual-{binding}-seed4")
+        ]
+        assert plan.photo_records("mug")[binding] == trained
+        assert set(trained) < set(files)
+    assert {"results/scenes/mug/recipe/soft/splats.json", "results/scenes/mug/mesh/collision.ply"} < set(files)
+
+
 def test_examples_that_are_not_here_are_left_out(plan):
     assert plan.scenes == ["cube", "pad", "desk"]
     assert plan.left_out == ["mug"]

@@ -11,10 +11,18 @@ import trimesh
 import yaml
 
 from gsbridge.cameras import Camera, View, write_views
+from gsbridge.configuration.whole import Recipe, read_configuration
 from gsbridge.errors import InputError
-from gsbridge.experiment.plan import RECIPE
 from gsbridge.meshes import Mesh, write_mesh
-from gsbridge.report.scores.measured_photos import compared, length_errors, photo_figures
+from gsbridge.report.scores.measured_photos import (
+    Reference,
+    compared,
+    length_errors,
+    opening_depth,
+    photo_figures,
+    read_references,
+    write_photo_figures,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 CAMERA = Camera(640, 480, 600.0, 600.0, 320.0, 240.0)
@@ -26,10 +34,11 @@ def _standing(solid: trimesh.Trimesh, scale: float = 1.0) -> Mesh:
     return Mesh(scale * np.asarray(solid.vertices, dtype=float), np.asarray(solid.faces))
 
 
-def _cup() -> trimesh.Trimesh:
+def _cup(drain: float = 0.0) -> trimesh.Trimesh:
+    """A cup 56 mm high and 50 mm deep, with a round hole of this radius in its floor, m."""
     wall = trimesh.creation.annulus(0.03, 0.04, 0.056)
     wall.apply_translation([0, 0, 0.028])
-    disc = trimesh.creation.cylinder(0.035, 0.006)
+    disc = trimesh.creation.annulus(drain, 0.035, 0.006) if drain else trimesh.creation.cylinder(0.035, 0.006)
     disc.apply_translation([0, 0, 0.003])
     return trimesh.util.concatenate([wall, disc])
 
@@ -68,25 +77,37 @@ def scene(tmp_path):
     return write
 
 
-def _length(metres: float, pixels: float) -> dict[str, object]:
+def _length(metres: float, pixels: float, name: str = "a.png") -> dict[str, object]:
     """A length along the picture's rows."""
-    return {"metres": metres, "between": [["a.png", 320 - pixels / 2, 240.0], ["a.png", 320 + pixels / 2, 240.0]]}
+    ends = [["a.png", 320 - pixels / 2, 240.0], [name, 320 + pixels / 2, 240.0]]
+    return {"metres": metres, "between": ends, "marks": "two dots"}
+
+
+def _known(**known: object) -> Reference:
+    return Reference.model_validate({"source": "us", **known})
 
 
 def test_a_length_is_read_on_the_table(scene):
     # From half a metre with 600 px of focal length, 120 px are 0.1 m.
     records = scene(_standing(_cup()))
-    assert length_errors([_length(0.1, 120), _length(0.1, 126)], records) == pytest.approx([0.0, 5.0], abs=1e-6)
-    with pytest.raises(InputError, match=r"b\.png of a reference is not registered"):
-        length_errors([{"metres": 0.1, "between": [["a.png", 1, 1], ["b.png", 1, 1]]}], records)
+    lengths = _known(lengths=[_length(0.1, 120), _length(0.1, 126), _length(0.1, 120, "b.png")]).lengths
+    assert length_errors(lengths[:2], records) == pytest.approx([0.0, 5.0], abs=1e-6)
+    with pytest.raises(InputError, match=r"b\.png is not registered"):
+        length_errors(lengths, records)
+
+
+def test_an_opening_is_as_deep_with_a_hole_in_its_floor():
+    assert opening_depth(_standing(_cup())) == pytest.approx(0.050, abs=1e-6)
+    assert opening_depth(_standing(_cup(drain=0.003))) == pytest.approx(0.050, abs=1e-6)
+    assert opening_depth(_standing(trimesh.creation.cylinder(0.04, 0.056))) == pytest.approx(0, abs=1e-6)
 
 
 def test_a_filled_cup_that_passes_is_wrong(scene):
-    reference = {"top_m": 0.056, "hollow": True, "lengths": [_length(0.1, 120)]}
+    reference = _known(top_m=0.056, opening_m=0.045, lengths=[_length(0.1, 120)])
     good = compared(reference, scene(_standing(_cup())))
     assert good.scale_percent == pytest.approx(0, abs=1e-6)
     assert good.top_mm == pytest.approx(0, abs=1e-3)
-    assert good.cavity_mm == pytest.approx(50, abs=0.2)
+    assert good.opening_mm == pytest.approx(50, abs=1e-3)
     assert not good.wrong_and_pass
     filled = _standing(trimesh.creation.cylinder(0.04, 0.056))
     assert compared(reference, scene(filled)).wrong_and_pass
@@ -97,7 +118,7 @@ def test_a_filled_cup_that_passes_is_wrong(scene):
 
 
 def test_a_wrong_scale_that_passes_is_wrong(scene):
-    reference = {"lengths": [_length(0.1, 132)]}
+    reference = _known(lengths=[_length(0.1, 132)])
     assert compared(reference, scene(_standing(_cup()))).wrong_and_pass
     assert not compared(reference, scene(_standing(_cup()), align="degraded")).wrong_and_pass
     assert compared(reference, scene(_standing(_cup()))).top_mm is None
@@ -108,31 +129,50 @@ def test_figures_of_two_things(scene):
         "pot": scene(_standing(_cup())),
         "apple": scene(_standing(trimesh.creation.icosphere(radius=0.04)), soft=(28.0, 28.0), games=(28.5, 28.5), recipe=28.4),
     }
-    found = photo_figures(scenes, {"pot": {"hollow": True}})
+    found = photo_figures(scenes, {"pot": _known(opening_m=0.03)})
     assert found["photos_soft_minus_games_min"]["by_scene"] == {"pot": 0.75, "apple": -0.5}
     assert (found["photos_soft_minus_games_min"]["value"], found["photos_soft_minus_games_min"]["seeds"]) == (-0.5, 2)
     assert found["photos_soft_minus_games_mean"]["value"] == pytest.approx(0.125)
     assert found["photos_soft_psnr_min"]["value"] == 28.0
     assert found["photos_recipe_gain_mean"]["value"] == pytest.approx((3.0 + 0.4) / 2)
     assert found["pot_recipe_psnr"]["value"] == 33.0
-    assert found["photos_cavity_min"]["value"] == pytest.approx(50, abs=0.2)
+    assert found["photos_opening_min"]["value"] == pytest.approx(50, abs=1e-3)
     assert "photos_scale_error_max" not in found
     assert (found["photos_wrong_and_pass"]["value"], found["photos_wrong_and_pass"]["n"]) == (0, 1)
-    assert photo_figures({}, {"pot": {"hollow": True}}) == {}
+    assert photo_figures({}, {"pot": _known(opening_m=0.03)}) == {}
 
 
 def test_the_recipe_is_that_of_the_guide():
     text = (ROOT / "docs/splats.md").read_text()
     quality = text[text.index("## Quality") :]
     block = quality[quality.index("```yaml") + len("```yaml") : quality.index("```", quality.index("```yaml") + 3)]
-    assert yaml.safe_load(block) == {"object_splats": RECIPE}
+    assert yaml.safe_load(block) == {"object_splats": Recipe().model_dump()}
+
+
+@pytest.mark.parametrize(
+    ("entry", "wrong"),
+    [
+        ({"source": "us", "top_mm": 58}, "top_mm"),
+        ({"source": "us", "top_m": "high"}, "top_m"),
+        ({"source": "us", "lengths": [{"metres": 0, "between": [["a", 1, 1], ["a", 2, 2]], "marks": "?"}]}, "metres"),
+        ({"source": "us", "lengths": [{"metres": 0.1, "between": [["a", 1, 1]], "marks": "?"}]}, "between"),
+        ({}, "source"),
+    ],
+)
+def test_wrong_references_are_named(tmp_path, entry, wrong):
+    path = tmp_path / "photos.json"
+    path.write_text(json.dumps({"pot": entry}))
+    with pytest.raises(InputError, match=rf"photos\.json: pot.*{wrong}"):
+        write_photo_figures(tmp_path / "out.json", scenes={}, references=path)
+    assert not (tmp_path / "out.json").exists()
 
 
 def test_references_name_scenes_that_are_scored():
-    config = yaml.safe_load((ROOT / "config.yaml").read_text())
-    references = json.loads((ROOT / "benchmarks/photos.json").read_text())
+    config = read_configuration(yaml.safe_load((ROOT / "config.yaml").read_text()))
+    references = read_references(ROOT / "benchmarks/photos.json")
     assert set(references) <= set(config["photos"])
     for name, reference in references.items():
         gave = config["scenes"][name]["known_length"]["between"]
-        # The length that gave the scale would agree with itself.
-        assert all(length["between"] != gave for length in reference["lengths"])
+        # The length that gave the scale, with its ends in either order, would agree with itself.
+        seen = {frozenset(map(tuple, length.between)) for length in reference.lengths}
+        assert frozenset(map(tuple, gave)) not in seen
