@@ -209,10 +209,9 @@ def film_state(wildcards):
     return state_folder("film_scene", wildcards, film_settings(wildcards), SEED, take)
 
 
-def splat_settings(wildcards, **more):
+def splat_settings(wildcards):
     """Budget of a training: objects and backgrounds have their own."""
-    kind = config["scenes"][wildcards.scene]["kind"]
-    return {**settings(f"{kind}_splats"), **more}
+    return settings(f"{config['scenes'][wildcards.scene]['kind']}_splats")
 
 
 def splat_gpus(wildcards):
@@ -220,10 +219,9 @@ def splat_gpus(wildcards):
     return int(splat_settings(wildcards)["backend"] == "cuda")
 
 
-def training_state(wildcards, **more):
+def training_state(wildcards):
     """Where a training keeps its checkpoint."""
-    budget = splat_settings(wildcards, **more)
-    return state_folder("train_splats", wildcards, budget, SEED, *more)
+    return state_folder("train_splats", wildcards, splat_settings(wildcards), SEED)
 
 
 def comparison_surface(wildcards):

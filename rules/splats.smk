@@ -89,11 +89,17 @@ rule train_by_recipe:
         gpu=splat_gpus,
     params:
         code=script_digest("train_splats"),
-        settings=lambda wildcards: splat_settings(wildcards, **config["recipe"]),
-        kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
+        settings=lambda wildcards: {**splat_settings(wildcards), **config["recipe"]},
+        kind="object",
         surface="visual",
         seed=SEED,
-        state=lambda wildcards: training_state(wildcards, **config["recipe"]),
+        state=lambda wildcards: state_folder(
+            "train_splats",
+            wildcards,
+            splat_settings(wildcards),
+            config["recipe"],
+            SEED,
+        ),
     message:
         "Train the {wildcards.binding} splats of {wildcards.scene} by the recipe for quality"
     script:

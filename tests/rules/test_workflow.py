@@ -71,6 +71,13 @@ def test_what_rules_look_up_is_short():
     assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files) <= 400
 
 
+def test_what_rules_look_up_names_its_arguments():
+    """Snakemake hands input, output, threads and resources to a function that takes any keyword: they would be settings."""
+    text = "".join(path.read_text(encoding="utf-8") for path in RULE_FILES)
+    assert not re.findall(r"(?:def \w+\(|lambda )[^):]*\*\*", text)
+    assert re.findall(r"def \w+\(wildcards\)", text)
+
+
 def test_jobs_ask_for_what_they_use_wherever_the_run_was_started():
     """On a cluster, the cores of the submitting host mean nothing, and a job without a GPU in its request gets none."""
     assert not [name for name, text in rules().items() if "workflow.cores" in text]
