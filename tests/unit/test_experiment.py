@@ -150,10 +150,14 @@ def test_light_is_measured_where_object_and_table_are_of_one_world(plan, config)
 
 
 def test_jobs_read_the_models_of_the_project_that_variants_name(plan, config):
-    assert plan.project_files == {"benchmarks/floors.yaml", "models/nominal.yaml", "x.yaml"}
+    assert plan.project_files == {"benchmarks/floors.yaml", "benchmarks/photos.json", "models/nominal.yaml", "x.yaml"}
     config["variants"]["other"]["model"] = "/elsewhere/x.yaml"
     assert "x.yaml" in plan.project_files, "it is looked up once"
-    assert Experiment(config, plan.root, plan.working).project_files == {"benchmarks/floors.yaml", "models/nominal.yaml"}
+    assert Experiment(config, plan.root, plan.working).project_files == {
+        "benchmarks/floors.yaml",
+        "benchmarks/photos.json",
+        "models/nominal.yaml",
+    }
 
 
 def test_trials_start_where_the_arm_is_believed_to_stand(plan, config):
