@@ -64,7 +64,11 @@ class EvidencePlan:
     def _photos(self) -> Kinds:
         records = [self.plan.photo_records(scene) for scene in self.plan.photos]
         stages = [str(record[name]) for record in records for name in ("sfm", "align", "masks", "mesh")]
-        splats = [str(path) for record in records for path in (*record["soft"], *record["games"], record["recipe"])]
+        splats = [
+            str(path)
+            for record in records
+            for path in (*record["soft"], *record["games"], *record["games_vertices"], record["recipe"])
+        ]
         return {"stages": stages, "splats": splats}
 
     def _simulator(self) -> Kinds:

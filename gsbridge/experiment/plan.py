@@ -145,7 +145,7 @@ class Experiment:
             "visual": f"{folder}/mesh/visual.ply",
             "collision": f"{folder}/mesh/collision.ply",
         }
-        for binding in ("soft", "games"):
+        for binding in ("soft", "games", "games_vertices"):
             further = [f"{folder}/comparison/visual-{binding}-seed{seed}/splats.json" for seed in seeds[1:]]
             records[binding] = [f"{folder}/splats/{binding}/splats.json", *further]
         return records | {"recipe": f"{folder}/recipe/soft/splats.json"}

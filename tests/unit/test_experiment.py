@@ -101,8 +101,9 @@ def test_any_policys_paths_become_each_ones():
     assert ANY.trials("{world}", "{seed}", "csv").format(**wildcards, seed=7, world="sim") == policy.trials("sim", 7, "csv")
 
 
-def test_real_things_are_scored_where_their_captures_are(config, tmp_path):
+def test_real_things_are_scored_where_their_captures_are(config, tmp_path, monkeypatch):
     """Films have a truth, and are scored elsewhere."""
+    monkeypatch.delenv("GSBRIDGE_CAPTURES", raising=False)
     plan = Experiment({**config, "photos": ["cube", "mug"]}, tmp_path, tmp_path)
     assert plan.photos == []
     (tmp_path / "captures").mkdir()
@@ -110,7 +111,7 @@ def test_real_things_are_scored_where_their_captures_are(config, tmp_path):
     plan = Experiment({**config, "photos": ["cube", "mug"]}, tmp_path, tmp_path)
     assert plan.photos == ["mug"]
     files = plan.photo_files("mug")
-    for binding in ("soft", "games"):
+    for binding in ("soft", "games", "games_vertices"):
         trained = [
             f"results/scenes/mug/{place}/splats.json" for place in (f"splats/{binding}", f"comparison/visual-{binding}-seed4")
         ]

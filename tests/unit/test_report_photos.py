@@ -47,7 +47,7 @@ def _cup(drain: float = 0.0) -> trimesh.Trimesh:
 def scene(tmp_path):
     """Write a scene seen from straight above: `mesh`, status of align and mesh, and PSNRs of the trainings."""
 
-    def write(mesh, *, align="pass", surface="pass", soft=(30.0, 31.0), games=(29.0, 30.5), recipe=33.0):
+    def write(mesh, *, align="pass", surface="pass", soft=(30.0, 31.0), games=(29.0, 30.5), vertices=(30.5, 32.5), recipe=33.0):
         folder = tmp_path / f"scene{len(list(tmp_path.iterdir()))}"
         (folder / "images").mkdir(parents=True)
         (folder / "images/a.png").write_bytes(b"")
@@ -66,7 +66,7 @@ def scene(tmp_path):
         records = {name: str(folder / f"{name}.json") for name in (*content, "views")}
         records |= {"images": str(folder / "images"), "visual": str(folder / "visual.ply")}
         records |= {"collision": str(folder / "collision.ply")}
-        for binding, psnrs in (("soft", soft), ("games", games), ("recipe", (recipe,))):
+        for binding, psnrs in (("soft", soft), ("games", games), ("games_vertices", vertices), ("recipe", (recipe,))):
             paths = []
             for seed, psnr in enumerate(psnrs):
                 paths.append(folder / f"{binding}{seed}.json")
@@ -127,12 +127,19 @@ def test_a_wrong_scale_that_passes_is_wrong(scene):
 def test_figures_of_two_things(scene):
     scenes = {
         "pot": scene(_standing(_cup())),
-        "apple": scene(_standing(trimesh.creation.icosphere(radius=0.04)), soft=(28.0, 28.0), games=(28.5, 28.5), recipe=28.4),
+        "apple": scene(
+            _standing(trimesh.creation.icosphere(radius=0.04)),
+            soft=(28.0, 28.0),
+            games=(28.5, 28.5),
+            vertices=(28.0, 28.0),
+            recipe=28.4,
+        ),
     }
     found = photo_figures(scenes, {"pot": _known(opening_m=0.03)})
     assert found["photos_soft_minus_games_min"]["by_scene"] == {"pot": 0.75, "apple": -0.5}
     assert (found["photos_soft_minus_games_min"]["value"], found["photos_soft_minus_games_min"]["seeds"]) == (-0.5, 2)
     assert found["photos_soft_minus_games_mean"]["value"] == pytest.approx(0.125)
+    assert found["photos_soft_minus_games_vertices_mean"]["by_scene"] == {"pot": -1.0, "apple": 0.0}
     assert found["photos_soft_psnr_min"]["value"] == 28.0
     assert found["photos_recipe_gain_mean"]["value"] == pytest.approx((3.0 + 0.4) / 2)
     assert found["pot_recipe_psnr"]["value"] == 33.0

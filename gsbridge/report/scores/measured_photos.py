@@ -183,19 +183,25 @@ def splat_figures(scenes: Mapping[str, Records]) -> dict[str, Figure]:
         InputError: A record is damaged.
     """
     soft = {name: masked_psnrs(records["soft"]) for name, records in scenes.items()}
-    games = {name: masked_psnrs(records["games"]) for name, records in scenes.items()}
+    others = {
+        binding: {name: masked_psnrs(records[binding]) for name, records in scenes.items()}
+        for binding in ("games", "games_vertices")
+    }
     recipe = {name: masked_psnrs([records["recipe"]])[0] for name, records in scenes.items()}
     if not scenes:
         return {}
-    leads = {name: [a - b for a, b in zip(soft[name], games[name], strict=True)] for name in scenes}
-    means = {name: statistics.fmean(lead) for name, lead in leads.items()}
-    seeds = min(map(len, leads.values()))
+    leads = {
+        binding: {name: statistics.fmean(a - b for a, b in zip(soft[name], other[name], strict=True)) for name in scenes}
+        for binding, other in others.items()
+    }
+    seeds = min(map(len, soft.values()))
     mean = {name: statistics.fmean(found) for name, found in soft.items()}
     # The recipe is trained with the first seed.
     gains = {name: recipe[name] - soft[name][0] for name in scenes}
     return {
-        "photos_soft_minus_games_min": over_scenes(means, min, _WHERE, seeds=seeds, by_scene_and_seed=leads),
-        "photos_soft_minus_games_mean": over_scenes(means, statistics.fmean, _WHERE, seeds=seeds),
+        "photos_soft_minus_games_min": over_scenes(leads["games"], min, _WHERE, seeds=seeds),
+        "photos_soft_minus_games_mean": over_scenes(leads["games"], statistics.fmean, _WHERE, seeds=seeds),
+        "photos_soft_minus_games_vertices_mean": over_scenes(leads["games_vertices"], statistics.fmean, _WHERE, seeds=seeds),
         "photos_soft_psnr_min": over_scenes(mean, min, _WHERE, seeds=seeds),
         "photos_recipe_gain_mean": over_scenes(gains, statistics.fmean, _WHERE),
         **{f"{name}_recipe_psnr": single(psnr, 1, f"{_WHERE}{name}/recipe/") for name, psnr in recipe.items()},
