@@ -120,8 +120,18 @@ rule score_shapes:
     input:
         floors=project_file("benchmarks/floors.yaml"),
         scenes=collect("results/scores/scenes/{scene}.json", scene=PLAN.shapes),
+        longest=[
+            path for found in PLAN.longest_sides.values() for path in found.values()
+        ],
+        trials=[
+            path
+            for world in ("sim", "mirror")
+            for found in PLAN.vessel_trials(world).values()
+            for path in found.values()
+        ],
     output:
         measured="results/scores/measured/shapes.json",
+        longest="results/scores/longest_sides.json",
         scores="results/scores/shapes.json",
     log:
         "results/logs/score_shapes.log",
@@ -137,10 +147,53 @@ rule score_shapes:
         behind=provenance("shapes", config),
         preset=config["preset"],
         takes=[name for name in PLAN.shapes if config["scenes"][name]["take"]],
+        longest=PLAN.longest_sides,
+        trials={world: PLAN.vessel_trials(world) for world in ("sim", "mirror")},
     message:
         "Compare hollow, wide-footed, see-through and plain things with the floors"
     script:
         "../scripts/score_shapes.py"
+
+
+rule reconstruct_turned:
+    input:
+        keyframes="results/scenes/{scene}/capture/keyframes.json",
+        frames="results/scenes/{scene}/capture/frames",
+        sfm="results/scenes/{scene}/sfm/sfm.json",
+        align="results/scenes/{scene}/align/align.json",
+        masks="results/scenes/{scene}/masks/masks.json",
+        mesh="results/scenes/{scene}/mesh/mesh.json",
+        visual="results/scenes/{scene}/mesh/visual.ply",
+        collision="results/scenes/{scene}/mesh/collision.ply",
+    output:
+        record="results/scenes/{scene}/turned/{degrees}.json",
+    log:
+        "results/logs/reconstruct_turned/{scene}-{degrees}.log",
+    benchmark:
+        "results/benchmarks/reconstruct_turned/{scene}-{degrees}.jsonl"
+    wildcard_constraints:
+        scene=one_of(filter(PLAN.may_turn, config["photos"])),
+        degrees="0|90|180|270",
+    conda:
+        "../envs/mesh.yaml"
+    threads: SCENE_THREADS
+    resources:
+        mem_mb=4000,
+        runtime="120m",
+    params:
+        code=script_digest("reconstruct_turned"),
+        workspace=lambda wildcards: f"results/.state/reconstruct_turned/{wildcards.scene}-{wildcards.degrees}",
+        sfm=settings("sfm"),
+        align=settings("align"),
+        masks=settings("masks"),
+        mesh=settings("mesh"),
+        board=lambda wildcards: config["scenes"][wildcards.scene]["board"],
+        known_length=lambda wildcards: config["scenes"][wildcards.scene]["known_length"],
+        seed=SEED,
+    message:
+        "Reconstruct {wildcards.scene} from photos turned by {wildcards.degrees} degrees"
+    script:
+        "../scripts/reconstruct_turned.py"
 
 
 rule score_photos:

@@ -12,8 +12,11 @@ if TYPE_CHECKING:
 start(snakemake.threads, snakemake.log[0])
 write_shape_figures(
     snakemake.output.measured,
+    snakemake.output.longest,
     scene_scores=snakemake.input.scenes,
     takes=snakemake.params.takes,
+    longest=snakemake.params.longest,
+    trials=snakemake.params.trials,
     preset=snakemake.params.preset,
 )
 write_scores(

@@ -71,7 +71,7 @@ def check_configuration(config: Mapping[str, Any]) -> None:
                     f"but the scene '{scene}' shows the {scenes[scene]['board']} one",
                     "Name scenes that show the same board, and give the camera that board",
                 )
-    for key in ("shapes", "photos"):
+    for key in ("shapes", "vessels", "photos"):
         _check_scored(key, config.get(key, []), scenes)
     _check_weights(config)
 

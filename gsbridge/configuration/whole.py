@@ -153,10 +153,13 @@ class Configuration(Sections):
     """The demonstration of the closed loop (docs/gap_loop.md)."""
     shapes: Distinct[str] = Field(default=[])
     """The mirror's objects, beside those of the presets, whose masks and meshes the area `shapes` of `benchmarks/RESULTS.md`
-    measures."""
+    measures; and how well the longest side of each, and of the preset's objects, gives the scale."""
+    vessels: Distinct[str] = Field(default=[])
+    """Objects of the mirror on which the area `shapes` tries the baseline controller; it takes them by the wall."""
     photos: Distinct[str] = Field(default=[])
     """Objects with a capture of a real thing, whose splats, meshes and scale the area `photos` of `benchmarks/RESULTS.md`
-    measures."""
+    measures; and, where nothing but the photos and a length between two pixels is given, whether turned photos come out the
+    same."""
     recipe: Recipe = Field(default_factory=Recipe)
     """Budget with which `results/scenes/{scene}/recipe/soft/splats.json` trains the splats of an object."""
     areas: Distinct[Area] = Field(default_factory=lambda: list(get_args(Area)), min_length=1)

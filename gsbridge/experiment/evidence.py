@@ -31,7 +31,7 @@ class EvidencePlan:
         """Tables of an area with the files that fill them; empty for an area of which only the figures are kept."""
         found: Mapping[str, Callable[[], Kinds]] = {
             "real2sim": self._real2sim,
-            "shapes": lambda: {"scenes": self._scene_scores(self.plan.shapes)},
+            "shapes": self._shapes,
             "photos": self._photos,
             "simulator": self._simulator,
             "policies": self._policies,
@@ -61,15 +61,24 @@ class EvidencePlan:
             "rasterizer": ["results/benchmarks/rasterizer.json"],
         }
 
+    def _shapes(self) -> Kinds:
+        vessels = [found for world in ("sim", "mirror") for found in self.plan.vessel_trials(world).values()]
+        return {
+            "scenes": self._scene_scores(self.plan.shapes),
+            "longest": ["results/scores/longest_sides.json"],
+            "controllers": [found["trials"] for found in vessels],
+        }
+
     def _photos(self) -> Kinds:
         records = [self.plan.photo_records(scene) for scene in self.plan.photos]
         stages = [str(record[name]) for record in records for name in ("sfm", "align", "masks", "mesh")]
         splats = [
             str(path)
             for record in records
-            for path in (*record["soft"], *record["games"], *record["games_vertices"], record["recipe"])
+            for path in (*record["soft"], *record["games"], *record["games_vertices"], record["refined"], record["recipe"])
         ]
-        return {"stages": stages, "splats": splats}
+        turned = [path for record in records for path in record["turned"]]
+        return {"stages": stages, "splats": splats, "turned": turned}
 
     def _simulator(self) -> Kinds:
         return {

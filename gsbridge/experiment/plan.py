@@ -126,13 +126,35 @@ class Experiment:
         return [name for name in self.config["shapes"] if "film" in self.config["scenes"][name]["source"]]
 
     @property
+    def longest_sides(self) -> dict[str, dict[str, str]]:
+        """Records that tell how well an object's longest side gives the scale, by object of `shapes` and of the preset."""
+        plain = [name for name in (*self.shapes, *self.mirrored) if self.config["scenes"][name].get("take") is None]
+        objects = [name for name in plain if self.config["scenes"][name]["kind"] == "object"]
+        return {
+            name: {
+                "length": f"results/scenes/{name}/align/length.json",
+                "align": f"results/scenes/{name}/align/align.json",
+                "score": f"results/scores/scenes/{name}.json",
+                "truth": f"results/truth/{name}",
+            }
+            for name in objects
+        }
+
+    def vessel_trials(self, world: str) -> dict[str, dict[str, str]]:
+        """Trials of the controller on `vessels` in `sim` or `mirror`, and the assets of these, by `object+background`."""
+        background = self.config["workspace"]["background"]
+        pairs = self.both_filmed(f"{name}+{background}" for name in self.config["vessels"])
+        assets = {pair: f"results/scenes/{pair.split('+')[0]}/asset/asset.json" for pair in pairs}
+        return {pair: {"trials": f"results/trials/grasp/{pair}/{world}.json", "asset": assets[pair]} for pair in pairs}
+
+    @property
     def photos(self) -> list[str]:
         """Scenes of the area `photos` whose captures are on this machine."""
         real = [name for name in self.config["photos"] if name not in self.films]
         return [name for name in real if self._is_present(name)]
 
     def photo_records(self, scene: str) -> dict[str, list[str] | str]:
-        """What the area `photos` reads of a scene, by name: records, photos and meshes, and a list of trainings per binding."""
+        """What the area `photos` reads of a scene, by name: records, photos, meshes, trainings and turned photos."""
         folder, first = f"results/scenes/{scene}", self.config["seed"]
         seeds = range(first, first + self.settings("comparison")["seeds"])
         records: dict[str, list[str] | str] = {
@@ -148,7 +170,19 @@ class Experiment:
         for binding in ("soft", "games", "games_vertices"):
             further = [f"{folder}/comparison/visual-{binding}-seed{seed}/splats.json" for seed in seeds[1:]]
             records[binding] = [f"{folder}/splats/{binding}/splats.json", *further]
-        return records | {"recipe": f"{folder}/recipe/soft/splats.json"}
+        turns = (0, 90, 180, 270) if self.may_turn(scene) else ()
+        records["turned"] = [f"{folder}/turned/{degrees}.json" for degrees in turns]
+        return records | {
+            "refined": f"{folder}/splats/refined/splats.json",
+            "recipe": f"{folder}/recipe/soft/splats.json",
+        }
+
+    def may_turn(self, scene: str) -> bool:
+        """Whether a scene's photos can be turned: those that come with cameras, a direction or points would have to be, too."""
+        settings = self.config["scenes"][scene]
+        bound = (settings.get(key) for key in ("camera", "up", "metres_per_unit"))
+        points, length = (settings.get("masks") or {}).get("points"), settings.get("known_length") or {}
+        return not any([*bound, points, "object" in length]) and bool({"images", "video"} & set(settings["source"]))
 
     def photo_files(self, scene: str) -> list[str]:
         """All files and folders of `photo_records`."""

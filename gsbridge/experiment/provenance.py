@@ -49,12 +49,16 @@ RULES: Mapping[str, tuple[str, ...]] = {
         "score_real2sim",
     ),
     "shapes": (
-        "film_scene",
-        "select_keyframes",
-        "reconstruct_cameras",
-        "align_scene",
+        *_SCENES,
         *_OBJECTS,
+        "film_board",
+        "register_workspace",
+        "build_asset",
+        "describe_robot",
         "score_scene",
+        "measure_length",
+        "try_controller_in_sim",
+        "try_controller_in_mirror",
         "score_shapes",
     ),
     "photos": (
@@ -65,6 +69,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
         "train_splats",
         "train_comparison",
         "train_by_recipe",
+        "reconstruct_turned",
         "score_photos",
     ),
     "simulator": (

@@ -7,6 +7,7 @@ import pytest
 
 from gsbridge.images import read_mask
 from gsbridge.meshes import read_mesh
+from gsbridge.report.scores.measured_turns import differences, read_turned, says_the_same
 from tests.e2e.conftest import call_snakemake
 
 KEYFRAMES = 30
@@ -20,11 +21,11 @@ pytestmark = [pytest.mark.capture, pytest.mark.slow]
 def run(captures, tmp_path_factory):
     """Both captures from photos to splats, with fewer keyframes and steps than the toy's films have.
 
-    Of the video's splats those of both bindings.
+    Of the video's splats those of both bindings; the bananas from turned photos, too, up to their mesh.
     """
     folder = tmp_path_factory.mktemp("captures")
     splats = ("banana_photos/splats/soft", "apple_video/splats/soft", "apple_video/splats/games")
-    targets = [f"results/scenes/{place}/splats.json" for place in splats]
+    targets = [*(f"results/scenes/{place}/splats.json" for place in splats), "results/scenes/banana_photos/turned/90.json"]
     settings = ("preset=toy", f"capture={{count: {KEYFRAMES}}}", f"presets={{toy: {{object_splats: {{steps: {STEPS}}}}}}}")
     process = call_snakemake(folder, "--config", *settings, "--", *targets)
     assert process.returncode == 0, process.stdout[-4000:] + process.stderr[-8000:]
@@ -49,6 +50,15 @@ def test_banana_mesh_is_closed_and_flatter_than_wide(run):
     assert mesh.is_watertight()
     width, depth, height = np.ptp(mesh.vertices, axis=0)
     assert height < max(width, depth)
+
+
+def test_bananas_come_out_of_turned_photos_as_of_the_others(run):
+    """Few keyframes and steps: the sides may differ by more than the figure of the area `photos` allows."""
+    degrees, usual, turned = read_turned(run / "banana_photos/turned/90.json")
+    assert degrees == 90
+    assert turned is not None
+    assert says_the_same(usual, turned)
+    assert differences(usual, turned)["sides"] < 5
 
 
 def test_apple_video_decodes_and_registers(run):

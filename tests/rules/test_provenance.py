@@ -92,14 +92,14 @@ def test_an_edited_model_changes_the_areas_whose_rules_read_it(config, tmp_path)
     (tmp_path / "models/own.yaml").write_text("gravity: 1.0")
     own = {area: provenance(area, whole, tmp_path) for area in AREAS}
     first, second = found.values()
-    readers = {"simulator", "policies", "worlds", "severity", "worth", "study", "loops"}
+    readers = {"shapes", "simulator", "policies", "worlds", "severity", "worth", "study", "loops"}
     assert {area for area in AREAS if first[area] != second[area]} == readers
     # What is known of real things is no model, but a file that figures depend on as on one.
     assert {area for area in AREAS if "models" in first[area]} == readers | {"photos"}
     (tmp_path / "benchmarks").mkdir()
     (tmp_path / "benchmarks/photos.json").write_text("{}")
     assert provenance("photos", whole, tmp_path) != second["photos"]
-    assert {area for area in AREAS if own[area] != second[area]} == readers - {"simulator"}
+    assert {area for area in AREAS if own[area] != second[area]} == readers - {"shapes", "simulator"}
     # As digests of the settings and of the rules are, those of the models are the tree's own by default.
     assert provenance("policies", whole)["models"]["models/own.yaml"] == "missing"
 

@@ -118,6 +118,30 @@ def test_real_things_are_scored_where_their_captures_are(config, tmp_path, monke
         assert plan.photo_records("mug")[binding] == trained
         assert set(trained) < set(files)
     assert {"results/scenes/mug/recipe/soft/splats.json", "results/scenes/mug/mesh/collision.ply"} < set(files)
+    assert {f"results/scenes/mug/turned/{degrees}.json" for degrees in (0, 90, 180, 270)} < set(files)
+
+
+def test_photos_are_turned_where_nothing_but_photos_and_pixels_is_given(config, tmp_path):
+    plain = {"kind": "object", "source": {"images": "mug"}}
+    bound = [{"camera": "phone"}, {"up": "left"}, {"metres_per_unit": 0.001}, {"masks": {"points": [["a.png", 1, 2, "keep"]]}}]
+    bound += [{"known_length": {"metres": 0.2, "object": "longest"}}, {"source": {"colmap": "mug"}}]
+    pixels = {"known_length": {"metres": 0.2, "between": [["a.png", 1, 2], ["a.png", 3, 4]]}}
+    for change, turns in [({}, True), (pixels, True), *((item, False) for item in bound)]:
+        plan = Experiment({**config, "scenes": {**config["scenes"], "mug": {**plain, **change}}}, tmp_path, tmp_path)
+        assert plan.may_turn("mug") is turns, change
+        assert len(plan.photo_records("mug")["turned"]) == 4 * turns
+
+
+def test_shapes_are_scored_with_their_longest_sides_and_trials_on_vessels(config, tmp_path):
+    films = {name: {"kind": "object", "source": {"film": name}} for name in ("mug", "statue")}
+    take = {"kind": "object", "source": {"film": "mug"}, "take": "turned"}
+    scenes = {**config["scenes"], **films, "mug_turned": take}
+    settings = {"scenes": scenes, "shapes": ["mug", "statue", "mug_turned"], "workspace": {"background": "pad"}}
+    plan = Experiment({**config, **settings, "vessels": ["mug"]}, tmp_path, tmp_path)
+    assert set(plan.longest_sides) == {"mug", "statue", "cube"}
+    assert plan.longest_sides["mug"]["length"] == "results/scenes/mug/align/length.json"
+    paths = {"trials": "results/trials/grasp/mug+pad/mirror.json", "asset": "results/scenes/mug/asset/asset.json"}
+    assert plan.vessel_trials("mirror") == {"mug+pad": paths}
 
 
 def test_examples_that_are_not_here_are_left_out(plan):

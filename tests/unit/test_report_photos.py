@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from gsbridge.report.scores.measured_photos import (
     read_references,
     write_photo_figures,
 )
+from gsbridge.report.scores.turned import Reconstruction
 
 ROOT = Path(__file__).resolve().parents[2]
 CAMERA = Camera(640, 480, 600.0, 600.0, 320.0, 240.0)
@@ -43,11 +45,26 @@ def _cup(drain: float = 0.0) -> trimesh.Trimesh:
     return trimesh.util.concatenate([wall, disc])
 
 
+def _reconstruction() -> Reconstruction:
+    statuses = dict.fromkeys(("sfm", "align", "masks", "mesh"), "pass")
+    return Reconstruction(statuses, {stage: [] for stage in statuses}, "known_length", 50, [0.05, 0.08, 0.1], 3e-4, 3.1e-4)
+
+
 @pytest.fixture
 def scene(tmp_path):
     """Write a scene seen from straight above: `mesh`, status of align and mesh, and PSNRs of the trainings."""
 
-    def write(mesh, *, align="pass", surface="pass", soft=(30.0, 31.0), games=(29.0, 30.5), vertices=(30.5, 32.5), recipe=33.0):
+    def write(
+        mesh,
+        *,
+        align="pass",
+        surface="pass",
+        soft=(30.0, 31.0),
+        games=(29.0, 30.5),
+        vertices=(30.5, 32.5),
+        recipe=33.0,
+        refined=31.5,
+    ):
         folder = tmp_path / f"scene{len(list(tmp_path.iterdir()))}"
         (folder / "images").mkdir(parents=True)
         (folder / "images/a.png").write_bytes(b"")
@@ -66,12 +83,23 @@ def scene(tmp_path):
         records = {name: str(folder / f"{name}.json") for name in (*content, "views")}
         records |= {"images": str(folder / "images"), "visual": str(folder / "visual.ply")}
         records |= {"collision": str(folder / "collision.ply")}
-        for binding, psnrs in (("soft", soft), ("games", games), ("games_vertices", vertices), ("recipe", (recipe,))):
+        for binding, psnrs in (("soft", soft), ("games", games), ("games_vertices", vertices)):
             paths = []
             for seed, psnr in enumerate(psnrs):
                 paths.append(folder / f"{binding}{seed}.json")
                 paths[-1].write_text(json.dumps({"metrics": {"held_out": {"masked": {"psnr": psnr}}}}))
-            records[binding] = [str(path) for path in paths] if binding != "recipe" else str(paths[0])
+            records[binding] = [str(path) for path in paths]
+        for training, psnr in (("recipe", recipe), ("refined", refined)):
+            path = folder / f"{training}.json"
+            path.write_text(json.dumps({"metrics": {"held_out": {"masked": {"psnr": psnr}}}}))
+            records[training] = str(path)
+        # Turned photos come out as the others.
+        found = asdict(_reconstruction())
+        records["turned"] = []
+        for degrees in (0, 90, 180, 270):
+            path = folder / f"{degrees}.json"
+            path.write_text(json.dumps({"degrees": degrees, "usual": found, "turned": found, "refused": None}))
+            records["turned"].append(str(path))
         return records
 
     return write
@@ -140,12 +168,14 @@ def test_figures_of_two_things(scene):
     assert (found["photos_soft_minus_games_min"]["value"], found["photos_soft_minus_games_min"]["seeds"]) == (-0.5, 2)
     assert found["photos_soft_minus_games_mean"]["value"] == pytest.approx(0.125)
     assert found["photos_soft_minus_games_vertices_mean"]["by_scene"] == {"pot": -1.0, "apple": 0.0}
+    assert found["photos_refined_minus_games_vertices_mean"]["by_scene"] == {"pot": 1.0, "apple": 3.5}
     assert found["photos_soft_psnr_min"]["value"] == 28.0
     assert found["photos_recipe_gain_mean"]["value"] == pytest.approx((3.0 + 0.4) / 2)
     assert found["pot_recipe_psnr"]["value"] == 33.0
     assert found["photos_opening_min"]["value"] == pytest.approx(50, abs=1e-3)
     assert "photos_scale_error_max" not in found
     assert (found["photos_wrong_and_pass"]["value"], found["photos_wrong_and_pass"]["n"]) == (0, 1)
+    assert (found["photos_turns_different"]["value"], found["photos_turns_different"]["turns"]) == (0, 6)
     assert photo_figures({}, {"pot": _known(opening_m=0.03)}) == {}
 
 

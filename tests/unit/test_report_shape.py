@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
 
-from gsbridge.meshes import Mesh
+from gsbridge.errors import InputError
+from gsbridge.meshes import Mesh, write_mesh
 from gsbridge.photogrammetry.cavity import cavity_depth
-from gsbridge.report.scores.measured_shapes import shape_figures
+from gsbridge.report.scores.measured_shapes import longest_side, shape_figures, vessel_figures, write_shape_figures
 from gsbridge.report.scores.shape import hole_pixels, hole_scores, shape_scores, wrong_and_pass
 
 
@@ -114,3 +117,55 @@ def test_figures_leave_degraded_meshes_beside_and_count_what_is_wrong():
     assert found["shapes_mask_iou_harder_min"]["value"] == 0.94
     assert found["shapes_holes_found"]["value"] == pytest.approx(80)
     assert found["shapes_takes_chamfer_max"]["value"] == 3.0
+
+
+def test_a_longest_side_gives_the_scale(tmp_path):
+    """A reconstruction in units of 2 m, of which the board says 2.1 m and the mesh 3 % too little."""
+    write_mesh(tmp_path / "mesh.ply", _standing(trimesh.creation.box((0.08, 0.05, 0.12))))
+    for name, content in {"length": {"side": 0.97 * 0.06}, "align": {"scale": 2.1}, "score": {"scale_percent": 5.0}}.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    records = {name: str(tmp_path / f"{name}.json") for name in ("length", "align", "score")} | {"truth": str(tmp_path)}
+    found = longest_side(records)
+    assert (found["metres"], found["side"], found["true_scale"]) == pytest.approx((0.12, 0.0582, 2.0))
+    assert found["error_percent"] == pytest.approx(100 * (1 / 0.97 - 1), abs=1e-3)
+    (tmp_path / "length.json").write_text(json.dumps({"side": 0}))
+    with pytest.raises(InputError, match=r"length\.json: a length or a scale is not above 0"):
+        longest_side(records)
+    (tmp_path / "align.json").write_text("{}")
+    with pytest.raises(InputError, match=r"align\.json: 'scale' is missing"):
+        longest_side(records)
+
+
+def test_vessels_count_by_their_worst_starts(tmp_path):
+    counts = {"success": {"fixed": 32, "unseen": 29}, "success_tolerant": {"fixed": 32, "unseen": 31}}
+    record = {"task": "grasp", "poses": 32, "seeds": [1, 2, 3], "counts": counts}
+    (tmp_path / "trials.json").write_text(json.dumps(record))
+    (tmp_path / "few.json").write_text(json.dumps({**record, "poses": 8}))
+    (tmp_path / "open.json").write_text(json.dumps({"rim": {"depth": 0.03}}))
+    (tmp_path / "solid.json").write_text(json.dumps({"rim": None}))
+
+    def paths(trials="trials", asset="open"):
+        return {"trials": str(tmp_path / f"{trials}.json"), "asset": str(tmp_path / f"{asset}.json")}
+
+    found = vessel_figures({"sim": {"mug+pad": paths()}, "mirror": {"mug+pad": paths(), "bowl+pad": paths()}})
+    assert found["shapes_rim_sim"]["value"] == 29
+    assert (found["shapes_rim_mirror"]["value"], found["shapes_rim_mirror"]["n"], found["shapes_rim_mirror"]["seeds"]) == (
+        31,
+        2,
+        3,
+    )
+    # A controller that takes the whole body takes no wall.
+    assert vessel_figures({"sim": {"mug+pad": paths(), "bowl+pad": paths(asset="solid")}})["shapes_rim_sim"]["value"] == 0
+    assert vessel_figures({"sim": {"mug+pad": paths("few")}}) == {}
+
+
+def test_the_figures_of_longest_sides_are_written(tmp_path):
+    write_mesh(tmp_path / "mesh.ply", _standing(trimesh.creation.box((0.08, 0.05, 0.12))))
+    for name, content in {"length": {"side": 0.123}, "align": {"scale": 1.0}, "score": {"scale_percent": 0.0}}.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    records = {name: str(tmp_path / f"{name}.json") for name in ("length", "align", "score")} | {"truth": str(tmp_path)}
+    outputs = tmp_path / "measured.json", tmp_path / "longest.json"
+    write_shape_figures(*outputs, scene_scores=[], takes=[], longest={"box": records}, trials={})
+    figures = json.loads(outputs[0].read_text())["figures"]
+    assert figures["shapes_longest_scale_max"]["by_scene"]["box"] == pytest.approx(100 * (1 - 0.12 / 0.123), abs=1e-3)
+    assert json.loads(outputs[1].read_text())["objects"][0]["scene"] == "box"

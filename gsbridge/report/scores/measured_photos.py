@@ -23,6 +23,7 @@ from gsbridge.geometry import Similarity
 from gsbridge.given import read_given_json
 from gsbridge.meshes import Mesh, read_mesh
 from gsbridge.photogrammetry.cavity import CELL_M, heights_from_above
+from gsbridge.report.scores.measured_turns import turn_figures
 from gsbridge.report.scores.score import Figure, over_scenes, single, write_measured
 from gsbridge.report.scores.shape import WRONG_M
 
@@ -187,7 +188,9 @@ def splat_figures(scenes: Mapping[str, Records]) -> dict[str, Figure]:
         binding: {name: masked_psnrs(records[binding]) for name, records in scenes.items()}
         for binding in ("games", "games_vertices")
     }
-    recipe = {name: masked_psnrs([records["recipe"]])[0] for name, records in scenes.items()}
+    recipe, refined = (
+        {name: masked_psnrs([records[training]])[0] for name, records in scenes.items()} for training in ("recipe", "refined")
+    )
     if not scenes:
         return {}
     leads = {
@@ -196,12 +199,14 @@ def splat_figures(scenes: Mapping[str, Records]) -> dict[str, Figure]:
     }
     seeds = min(map(len, soft.values()))
     mean = {name: statistics.fmean(found) for name, found in soft.items()}
-    # The recipe is trained with the first seed.
+    # The recipe and the refined splats are trained with the first seed.
     gains = {name: recipe[name] - soft[name][0] for name in scenes}
+    leads["refined"] = {name: refined[name] - others["games_vertices"][name][0] for name in scenes}
     return {
         "photos_soft_minus_games_min": over_scenes(leads["games"], min, _WHERE, seeds=seeds),
         "photos_soft_minus_games_mean": over_scenes(leads["games"], statistics.fmean, _WHERE, seeds=seeds),
         "photos_soft_minus_games_vertices_mean": over_scenes(leads["games_vertices"], statistics.fmean, _WHERE, seeds=seeds),
+        "photos_refined_minus_games_vertices_mean": over_scenes(leads["refined"], statistics.fmean, _WHERE),
         "photos_soft_psnr_min": over_scenes(mean, min, _WHERE, seeds=seeds),
         "photos_recipe_gain_mean": over_scenes(gains, statistics.fmean, _WHERE),
         **{f"{name}_recipe_psnr": single(psnr, 1, f"{_WHERE}{name}/recipe/") for name, psnr in recipe.items()},
@@ -219,7 +224,9 @@ def photo_figures(scenes: Mapping[str, Records], references: Mapping[str, Refere
         InputError: A record is damaged.
     """
     known = {name: compared(references[name], records) for name, records in scenes.items() if name in references}
-    out = splat_figures(scenes)
+    out = splat_figures(scenes) | turn_figures(
+        {name: records["turned"] for name, records in scenes.items() if records["turned"]}
+    )
     for figure, key, summary in (
         ("photos_scale_error_max", "scale_percent", max),
         ("photos_top_error_max", "top_mm", max),

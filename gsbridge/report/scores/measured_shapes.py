@@ -10,7 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gsbridge.files import read_json
+from gsbridge.errors import InputError
+from gsbridge.files import read_json, write_json
+from gsbridge.meshes import read_mesh
+from gsbridge.photogrammetry.standing import box_sides
+from gsbridge.report.scores.measured_scenes import trial_figures
 from gsbridge.report.scores.score import Figure, over_scenes, single, write_measured
 
 _WHERE = "results/scores/scenes/"
@@ -67,23 +71,100 @@ def shape_figures(scores: Sequence[Mapping[str, Any]], takes: Sequence[str]) -> 
     return out
 
 
+def longest_side(records: Mapping[str, str]) -> dict[str, float]:
+    """Compare the scale that the longest side of an object would give with the true one.
+
+    Where the board shows in the film, as in those of the mirror, cameras are better and the table is easier to find than a user
+    without a board can expect; the scale itself does not use the board.
+
+    Args:
+        records: Paths by name: `length` (the longest side in the units of the reconstruction), `align` (whose scale comes from
+            the board), `score` (which says by how much that scale is wrong) and `truth` (a folder that holds `mesh.ply`, m).
+
+    Returns:
+        `metres` (the true longest side), `side` (the same in the units of the reconstruction), `true_scale` (m per unit), and
+        `error_percent`.
+
+    Raises:
+        InputError: A record is damaged.
+    """
+    side = _number(records["length"], "side")
+    true_scale = _number(records["align"], "scale") / (1.0 + _number(records["score"], "scale_percent") / 100)
+    if not (side > 0 and true_scale > 0):
+        raise InputError(records["length"], "a length or a scale is not above 0", "Delete the scene, and make it again")
+    metres = float(box_sides(read_mesh(Path(records["truth"], "mesh.ply")).vertices).max())
+    return {
+        "metres": metres,
+        "side": side,
+        "true_scale": true_scale,
+        "error_percent": 100.0 * (metres / side / true_scale - 1.0),
+    }
+
+
+def vessel_figures(trials: Mapping[str, Mapping[str, Mapping[str, str]]]) -> dict[str, Figure]:
+    """Make the figures of the controller that takes vessels by their wall: successes of 32, from the worst set of starts.
+
+    Args:
+        trials: Paths of the record of the `trials` and of the vessel's `asset`, by world (`sim` or `mirror`) and
+            `object+background`. A vessel whose asset has no place at which its wall can be taken counts as 0.
+
+    Raises:
+        InputError: A record is damaged.
+    """
+    out = {}
+    for world, found in trials.items():
+        whole = trial_figures([(pair, read_json(paths["trials"])) for pair, paths in found.items()], world)
+        figure = whole.get(f"controller_grasp_{world}")
+        if figure is None:
+            continue
+        solid = {pair for pair, paths in found.items() if read_json(paths["asset"]).get("rim") is None}
+        by_scene = {pair: 0.0 if pair in solid else value for pair, value in figure["by_scene"].items()}
+        out[f"shapes_rim_{world}"] = figure | over_scenes(by_scene, min, "results/trials/")
+    return out
+
+
 def write_shape_figures(
-    out: str | Path, *, scene_scores: Sequence[str | Path], takes: Sequence[str], preset: str | None = None
+    out: str | Path,
+    out_longest: str | Path,
+    *,
+    scene_scores: Sequence[str | Path],
+    takes: Sequence[str],
+    longest: Mapping[str, Mapping[str, str]],
+    trials: Mapping[str, Mapping[str, Mapping[str, str]]],
+    preset: str | None = None,
 ) -> None:
     """Gather all figures of the area and write them.
 
     Args:
         out: JSON of measured figures, an input of `score.write_scores`.
+        out_longest: What `longest_side` found, by object.
         scene_scores: Scores of each scene.
         takes: See `shape_figures`.
+        longest: Records of each object, see `longest_side`.
+        trials: See `vessel_figures`.
         preset: Preset that ran.
 
     Raises:
         InputError: A file is damaged.
     """
-    write_measured(
-        out,
-        preset,
-        lambda: shape_figures([read_json(path) for path in scene_scores], takes),
-        damaged="the scores of a scene are",
-    )
+    sides = {name: longest_side(records) for name, records in longest.items()}
+    write_json(out_longest, {"objects": [{"scene": name, **found} for name, found in sides.items()]})
+    errors = {name: abs(found["error_percent"]) for name, found in sides.items()}
+
+    def figures() -> dict[str, Figure]:
+        shapes = shape_figures([read_json(path) for path in scene_scores], takes) | vessel_figures(trials)
+        return shapes | ({"shapes_longest_scale_max": over_scenes(errors, max, "results/scenes/")} if errors else {})
+
+    write_measured(out, preset, figures, damaged="the scores of a scene or records of trials are")
+
+
+def _number(path: str, key: str) -> float:
+    """Read one number of a record.
+
+    Raises:
+        InputError: The record is damaged or does not hold the number.
+    """
+    try:
+        return float(read_json(path)[key])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, f"'{key}' is missing or no number ({error!r})", "Delete it, and make it again") from error
