@@ -88,13 +88,13 @@ rule train_by_recipe:
         runtime="240m",
         gpu=splat_gpus,
     params:
-        code=script_digest("train_splats"),
+        code=script_digest("train_by_recipe"),
         settings=lambda wildcards: {**splat_settings(wildcards), **config["recipe"]},
         kind="object",
         surface="visual",
         seed=SEED,
         state=lambda wildcards: state_folder(
-            "train_splats",
+            "train_by_recipe",
             wildcards,
             splat_settings(wildcards),
             config["recipe"],
@@ -103,7 +103,7 @@ rule train_by_recipe:
     message:
         "Train the {wildcards.binding} splats of {wildcards.scene} by the recipe for quality"
     script:
-        "../scripts/train_splats.py"
+        "../scripts/train_by_recipe.py"
 
 
 rule train_comparison:

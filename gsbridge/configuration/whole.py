@@ -54,6 +54,8 @@ class Recipe(Settings):
     """Optimiser steps."""
     max_pixels: Whole = Field(default=160_000, ge=1, le=1_000_000_000)
     """Pixels of an object's part of a photo in training."""
+    sh_degree: Annotated[Whole, Field(ge=0, le=3)] | Literal["auto"] = "auto"
+    """Degree of the spherical harmonics of colours, for things with sheen; `auto` takes what the photos determine."""
 
 
 class Sections(Settings):

@@ -164,7 +164,6 @@ _MODULES = {
     "diagnose_real_logs": "benchmarks.gap_measured",
     "diagnose_real_arm": "benchmarks.gap_so101",
     "train_comparison": "scripts.train_splats",
-    "train_by_recipe": "scripts.train_splats",
     "film_board_of_world": "scripts.film_board",
     "register_world": "scripts.register_workspace",
     "describe_robot_of_world": "scripts.describe_robot",

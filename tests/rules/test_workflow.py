@@ -62,7 +62,7 @@ def test_a_rules_log_and_benchmark_carry_its_name_and_its_wildcards(name):
         assert {"mem_mb", "runtime"} <= set(re.findall(r"\w+(?==)", text.split("resources:")[1]))
     script = re.search(r'"\.\./scripts/(\w+)\.py"', text)
     # One script trains splats, for the scenes and for their comparison.
-    assert script is None or script[1] == ("train_splats" if name in FURTHER_TRAININGS else name)
+    assert script is None or script[1] == ("train_splats" if name == "train_comparison" else name)
 
 
 def test_what_rules_look_up_is_short():

@@ -25,6 +25,7 @@ from gsbridge.report.scores.measured_photos import (
     write_photo_figures,
 )
 from gsbridge.report.scores.turned import Reconstruction
+from gsbridge.splats.degree import degree_of_photos
 
 ROOT = Path(__file__).resolve().parents[2]
 CAMERA = Camera(640, 480, 600.0, 600.0, 320.0, 240.0)
@@ -183,7 +184,10 @@ def test_the_recipe_is_that_of_the_guide():
     text = (ROOT / "docs/splats.md").read_text()
     quality = text[text.index("## Quality") :]
     block = quality[quality.index("```yaml") + len("```yaml") : quality.index("```", quality.index("```yaml") + 3)]
-    assert yaml.safe_load(block) == {"object_splats": Recipe().model_dump()}
+    # Of a film of usual length; the recipe itself takes the degree that the photos determine.
+    assert yaml.safe_load(block) == {"object_splats": Recipe().model_dump() | {"sh_degree": degree_of_photos(44)}}
+    fewest = {degree: min(n for n in range(100) if degree_of_photos(n) == degree) for degree in range(4)}
+    assert fewest == {0: 0, 1: 8, 2: 18, 3: 32}
 
 
 @pytest.mark.parametrize(
