@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints, views_of
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.observer import observed, runaway_told
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import cosines
@@ -50,7 +52,13 @@ class JointBackend(CaseBackend):
         case = read_joint_case(path)
         # Building the mechanism finds further faults of the model; they are reported here, before anything is written.
         _refuse_runaway(Mechanism(case.system), case.records["fit"], case.model)
-        return cls(case)
+        told = runaway_told(case)
+        return cls(replace(case, reasons=(*case.reasons, told)) if told else case)
+
+    @cached_property
+    def replayed(self) -> JointCase:
+        """The case as it is replayed: pulled back to the measured motion if its model runs away from it."""
+        return observed(self.case)
 
     @classmethod
     def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> JointBackend:
@@ -79,8 +87,8 @@ class JointBackend(CaseBackend):
 
     def compare(self) -> dict[str, Any]:
         """Compute the residuals of every channel under the unchanged model and map where they occur: `comparison.json`."""
-        mechanism = Mechanism(self.case.system)
-        views = views_of(mechanism, self.case.records)
+        mechanism = Mechanism(self.replayed.system)
+        views = views_of(mechanism, self.replayed.records)
         return {
             "unit": "noise",
             "records": {role: _residuals(view) for role, view in views.items()},
@@ -89,11 +97,11 @@ class JointBackend(CaseBackend):
 
     def screen(self, bank: str | Path) -> dict[str, Any]:
         """Make the bank of signatures and report, before any fit, which effects the records can tell apart: `screen.json`."""
-        mechanism = Mechanism(self.case.system)
+        mechanism = Mechanism(self.replayed.system)
         # Estimate the noise from all records, as the diagnosis does: the noise sets the sizes of the signatures in the bank.
-        views = views_of(mechanism, self.case.records, bank)
+        views = views_of(mechanism, self.replayed.records, bank)
         view = views["fit"]
-        who = candidates(view, self.case.names, (views["select"],))
+        who = candidates(view, self.replayed.names, (views["select"],))
         found = signature_bank(view, who, bank)
         shown = {signature.candidate for signature in found.signatures}
         return {
@@ -106,7 +114,7 @@ class JointBackend(CaseBackend):
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
         """Diagnose the case and return the content of `findings.json`, verified on the third record."""
-        case = self.case
+        case = self.replayed
         diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
         return JointAccount().findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
 
@@ -117,10 +125,10 @@ class JointBackend(CaseBackend):
             Arrays of the measured, nominal and explained motion with keys `{role}/{what}` (no `explained` if there are no
             effects), and the content of `replays.json`: residuals before and after, and a map of what remains.
         """
-        mechanism = Mechanism(self.case.system)
+        mechanism = Mechanism(self.replayed.system)
         arrays: dict[str, Array] = {}
         rows = {}
-        for role, item in self.case.records.items():
+        for role, item in self.replayed.records.items():
             # Estimate the noise from the residual of the replay with effects, which is closer to the record.
             view = JointResiduals.of(mechanism, item, effects)
             nominal, explained = view.simulate(), view.simulate(effects)

@@ -1,0 +1,149 @@
+"""Models that run away from their records under the logged torques, against an arm that MuJoCo moves."""
+
+import mujoco
+import numpy as np
+import pandas as pd
+import pybullet
+import pytest
+import yaml
+
+from gsbridge.files import read_json
+from gsbridge.gap.joints.case import read_joint_case
+from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.observer import observed, runaway_told
+from gsbridge.gap.joints.workflow import JointBackend
+from gsbridge.gap.workflow import write_case_records, write_findings
+
+JOINTS = ("shoulder", "wrist")
+
+URDF = """<robot name="arm">
+  <link name="base"/>
+  <link name="arm"><inertial><origin xyz="0.15 0 0"/><mass value="1.2"/>
+    <inertia ixx="0.001" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="hand"><inertial><origin xyz="0.02 0 0.01"/><mass value="0.1"/>
+    <inertia ixx="2e-5" iyy="2e-5" izz="3e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint>
+  <joint name="wrist" type="continuous"><parent link="arm"/><child link="hand"/>
+    <origin xyz="0.3 0 0" rpy="0.3 0 0"/><axis xyz="0 0 1"/></joint>
+</robot>
+"""
+"""A light hand, which a motor with a gear turns: without their friction, the logged torques would spin it in no time."""
+
+FRICTION = {"shoulder": 0.8, "wrist": 0.5}
+ROTOR = 0.02
+RATE, STEP = 200, 5e-5
+TRUTH = f"""<mujoco><option timestep="{STEP}" integrator="implicitfast"/><worldbody>
+  <body><joint name="shoulder" axis="0 1 0" frictionloss="{FRICTION["shoulder"]}" solreffriction="0.001 1"/>
+    <inertial pos="0.15 0 0" mass="1.2" diaginertia="0.001 0.01 0.01"/>
+    <body pos="0.3 0 0" euler="17.188733853924695 0 0">
+      <joint name="wrist" axis="0 0 1" frictionloss="{FRICTION["wrist"]}" armature="{ROTOR}" solreffriction="0.001 1"/>
+      <inertial pos="0.02 0 0.01" mass="0.1" diaginertia="2e-5 2e-5 3e-5"/></body></body>
+</worldbody></mujoco>"""
+
+
+def logged(seed, seconds=6.0):
+    """What a controller logs while it moves the arm along sums of sines: times, torques, positions, speeds."""
+    model = mujoco.MjModel.from_xml_string(TRUTH)
+    data, rng = mujoco.MjData(model), np.random.default_rng(seed)
+    pace, sway, phase = rng.uniform(1.5, 5.0, (3, 2)), rng.uniform(0.2, 0.4, (3, 2)), rng.uniform(0, 6.28, (3, 2))
+    data.qpos[:] = (sway * np.sin(phase)).sum(axis=0)
+    data.qvel[:] = (sway * pace * np.cos(phase)).sum(axis=0)
+    every, rows = round(1 / RATE / STEP), []
+    for _ in range(round(seconds * RATE)):
+        turned = pace * data.time + phase
+        wanted, speed = (sway * np.sin(turned)).sum(axis=0), (sway * pace * np.cos(turned)).sum(axis=0)
+        torque = np.array([120.0, 30.0]) * (wanted - data.qpos) + np.array([8.0, 1.0]) * (speed - data.qvel)
+        rows.append(np.concatenate([[data.time], torque, data.qpos, data.qvel]))
+        data.qfrc_applied[:] = torque
+        mujoco.mj_step(model, data, every)
+    table = np.array(rows)
+    table[:, 3:5] += 1e-5 * rng.normal(size=(len(table), 2))
+    table[:, 5:] += 1e-3 * rng.normal(size=(len(table), 2))
+    return table
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    """A case of three logs of the arm, whose model knows neither friction nor rotor."""
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "arm.urdf").write_text(URDF)
+    columns = [f"{kind}.{joint} [{unit}]" for kind, unit in (("command", "N m"), ("position", "rad"), ("velocity", "rad/s"))
+               for joint in JOINTS]  # fmt: skip
+    for seed, role in enumerate(("fit", "select", "verify")):
+        pd.DataFrame(logged(seed), columns=["time [s]", *columns]).to_csv(folder / f"{role}.csv", index=False)
+    model = {"urdf": "arm.urdf", "joints": list(JOINTS), "controller": {"mode": "torque"}}
+    (folder / "model.yaml").write_text(yaml.safe_dump(model))
+    records = {role: f"{role}.csv" for role in ("fit", "select", "verify")}
+    (folder / "case.yaml").write_text(yaml.safe_dump({"model": "model.yaml", "records": records}))
+    return folder
+
+
+def test_inertia_is_that_of_another_engine(tmp_path):
+    (tmp_path / "arm.urdf").write_text(URDF)
+    model = {"urdf": "arm.urdf", "joints": list(JOINTS), "controller": {"mode": "torque"}, "armature": [0.0, ROTOR]}
+    mechanism, client = Mechanism(parse_mechanism_model(model, tmp_path)), pybullet.connect(pybullet.DIRECT)
+    try:
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+        body = pybullet.loadURDF(str(tmp_path / "arm.urdf"), useFixedBase=True, flags=flags, physicsClientId=client)
+        for q in ([0.0, 0.0], [0.4, -1.1], [2.0, 3.0]):
+            theirs = np.array(pybullet.calculateMassMatrix(body, q, physicsClientId=client)) + np.diag([0.0, ROTOR])
+            np.testing.assert_allclose(mechanism.inertia(np.array(q)), theirs, rtol=1e-6, atol=1e-9)
+    finally:
+        pybullet.disconnect(client)
+
+
+def test_a_runaway_model_is_pulled_back_to_its_record(case):
+    checked = read_joint_case(case / "case.yaml")
+    assert "beyond all bounds" in runaway_told(checked)
+    seen = observed(checked)
+    controller, record = seen.system.controller, seen.records["fit"]
+    assert controller.mode == "pd"
+    assert (controller.stiffness > 0.0).all()
+    assert np.abs(record.commands["command"] - record.measured["position"]).max() < 1e-3
+    # What is fed forward beside the logged torque holds the damper's still at the measured speed.
+    further = record.commands["feedforward"] - checked.records["fit"].commands["command"]
+    held = further - (seen.system.viscous - checked.system.viscous) * record.measured["velocity"]
+    assert held[5:-5].std() < 0.05 * further.std()
+    assert seen.names is not None
+    assert {"coulomb", "viscous", "armature", "payload"} < set(seen.names)
+    assert not {"command_delay", "encoder_offset", "torque_lag"} & set(seen.names)
+
+
+def test_friction_that_a_model_lacks_is_told_where_it_runs_away(case, tmp_path):
+    """Coulomb friction of both joints and the rotor leads the account, with the sizes of the truth."""
+    content = yaml.safe_load((case / "case.yaml").read_text())
+    asked = case / "asked.yaml"
+    asked.write_text(yaml.safe_dump(content | {"effects": ["coulomb", "viscous", "armature", "torque_delay", "payload"]}))
+    data, record = tmp_path / "records.npz", tmp_path / "records.json"
+    write_case_records(asked, data, record)
+    write_findings(case / "model.yaml", data, record, tmp_path / "bank", tmp_path / "findings.json", tmp_path / "model.yaml", 1)
+    found = read_json(tmp_path / "findings.json")
+    assert sum("runs away" in reason for reason in found["reasons"]) == 1
+    entries = {entry["label"]: entry["parameters"] for entry in found["account"]["entries"]}
+    first = [entry["label"] for entry in found["account"]["entries"]][:3]
+    assert sorted(first) == ["armature:wrist", "coulomb:shoulder", "coulomb:wrist"]
+    for joint, torque in FRICTION.items():
+        assert entries[f"coulomb:{joint}"]["torque"]["value"] == pytest.approx(torque, rel=0.1)
+    assert entries["armature:wrist"]["inertia"]["value"] == pytest.approx(ROTOR, rel=0.1)
+    assert found["account"]["explained"] >= 0.95
+
+
+def test_a_model_that_stays_near_its_record_needs_no_observer(case, tmp_path):
+    """The same logs, for a model that knows friction and rotor."""
+    content = yaml.safe_load((case / "model.yaml").read_text())
+    known = content | {"coulomb": [*FRICTION.values()], "armature": [0.0, ROTOR], "urdf": str(case / "arm.urdf")}
+    (tmp_path / "model.yaml").write_text(yaml.safe_dump(known))
+    records = {role: str(case / f"{role}.csv") for role in ("fit", "select", "verify")}
+    (tmp_path / "case.yaml").write_text(yaml.safe_dump({"model": "model.yaml", "records": records}))
+    backend = JointBackend.read(tmp_path / "case.yaml")
+    assert backend.replayed is backend.case
+    assert not any("runs away" in reason for reason in backend.reasons)
+
+
+def test_a_case_about_effects_that_an_observer_hides_is_replayed_without_one(case):
+    content = yaml.safe_load((case / "case.yaml").read_text())
+    other = case / "delay.yaml"
+    other.write_text(yaml.safe_dump(content | {"effects": ["torque_delay"]}))
+    checked = read_joint_case(other)
+    assert observed(checked) is checked
