@@ -93,7 +93,7 @@ def compared(findings: Mapping[str, Any], owners: Array) -> dict[str, Any]:
         findings: Content of `findings.json`.
         owners: Viscous friction, N m s/rad, Coulomb friction and an offset, N m, of each joint. [18].
     """
-    account = findings["account"] or {"entries": [], "explained": 0.0}
+    account = findings.get("account") or {"entries": [], "explained": 0.0}
     known = dict(zip(((name, joint) for joint in JOINTS for name in (*SHOWN, "")), owners, strict=True))
     rows = [
         {

@@ -17,7 +17,6 @@ from gsbridge.gap.benchmark.photo_cases import CAMERA_FILE, read_photos
 from gsbridge.gap.contact.body import is_body
 from gsbridge.gap.contact.workflow import ThrowBackend
 from gsbridge.gap.image.diagnose import ImageAccount, diagnose_images, unsteady
-from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.workflow import JointBackend
 
 __all__ = ["METHODS", "case_keys", "diagnose_cases"]
@@ -78,7 +77,7 @@ def _found(folder: Path, bank: Path, method: str, seed: int) -> Mapping[str, Any
             return run_photo_baseline(method, pairs)
         diagnosis, reasons = diagnose_images(pairs, seed=seed), unsteady(pairs, seed=seed)
         return ImageAccount().findings_of(diagnosis, pairs, seed=seed, reasons=reasons)
+    backend = JointBackend.read(folder / "case.yaml")
     if method == METHODS[0]:
-        return JointBackend.read(folder / "case.yaml").diagnose(bank, seed)
-    case = read_joint_case(folder / "case.yaml")
-    return run_baseline(method, case.system, case.records, bank, seed)
+        return backend.diagnose(bank, seed)
+    return run_baseline(method, backend.replayed.system, backend.replayed.records, bank, seed)

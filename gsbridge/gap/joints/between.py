@@ -68,13 +68,13 @@ class OtherWay:
 
 
 def other_way(views: Sequence[JointResiduals]) -> OtherWay | None:
-    """Replay records under the other assumption on commands; None if it makes no difference.
+    """Replay records under the other assumption on commands; None if it makes no difference, or if an observer follows them.
 
     Args:
         views: Residuals on the records.
     """
     system = views[0].mechanism.system
-    logged = [view for view in views if "command" in view.record.commands]
+    logged = [view for view in views if "command" in view.record.commands and not system.controller.observes]
     if len(logged) < len(views) or max(view.record.period for view in views) * system.controller.rate < _SEEN:
         return None
     other = Mechanism(replace(system, controller=replace(system.controller, between=_OTHER[system.controller.between])))

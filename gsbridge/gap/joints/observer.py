@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from gsbridge.effects.joints import JOINT_EFFECTS
@@ -18,13 +19,14 @@ from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.case import JointCase
 from gsbridge.gap.joints.first_states import HIGHEST, state_at
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
-from gsbridge.gap.joints.mechanism.mechanism_model import ControllerModel
+from gsbridge.gap.joints.mechanism.mechanism_model import ControllerModel, MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import spans_of
 from gsbridge.geometry import Array
 
-_RUNAWAY = 5.0
-"""How many times as far as it moved a joint must be from its record for the model to run away."""
+_RUNAWAY, _NEAR = 5.0, 1.0
+"""How many times as far as it moved a joint must be from its record for the model to run away, and how near an observer must
+keep it."""
 
 _REACH = 0.05
 """Deviation that the root mean square of a joint's torque causes against the spring, rad or m."""
@@ -35,11 +37,17 @@ _MEMORY = 0.1
 _STIFF = 6.0
 """Largest damping, in multiples of inertia per time step: beyond it, the implicit step rings at its own rate."""
 
-_LEAST = 0.05
-"""Smallest torque that a joint's spring is made for, as a share of that of the joint with the largest torque."""
+_FINER = (1, 2, 4)
+"""Multiples of the rate of the physics that are tried, since shorter steps allow of stronger springs."""
 
-_WINDOW, _ORDER = 0.06, 2
-"""Length of the window, s, and order of the polynomial that smooths the measured motion."""
+_LEAST = 0.05
+"""Smallest torque that a joint's spring is made for, as a share of the largest one of its kind, turning or sliding."""
+
+_SPARSE = 0.021
+"""Longest period of a record, s, from which the speeds of the targets are known well enough."""
+
+_WINDOW, _FEWEST, _ORDER = 0.06, 7, 4
+"""Length of the window, s, smallest number of samples in it, and order of the polynomial that smooths the measured motion."""
 
 _POSTURES = 50
 """Number of postures of each record at which the inertia is computed."""
@@ -52,25 +60,70 @@ _TORQUES = ("load_friction", "warming")
 """Effects in proportion to all torque or all friction of a joint, which would take the observer's for the mechanism's."""
 
 
-def observed(case: JointCase) -> JointCase:
+def observed(case: JointCase) -> tuple[JointCase, str]:
     """Give a case an observer if its model runs away from the record `fit` under the logged torques.
 
     Args:
         case: A checked case.
 
     Returns:
-        The case as it is replayed, with a controller whose targets are the measured motion and whose feedforward is the logged
-        torque; the case itself where it needs none. The damper is part of the model's viscous friction, which is stepped
-        implicitly, and its target speed part of the feedforward: a light joint could not be damped explicitly.
+        The case as it is replayed, and why its result is degraded. Where an observer is needed and possible, the case has a
+        controller whose targets are the measured motion and whose feedforward is the logged torque; otherwise it is the case
+        itself, and the reason is empty where none is needed. The damper is part of the model's viscous friction, which is
+        stepped implicitly, and its target speed part of the feedforward: a light joint could not be damped explicitly.
 
     Source: Luenberger, IEEE Transactions on Automatic Control 16, 1971, for observers.
     """
-    if not runaway_told(case):
-        return case
-    system, mechanism = case.system, Mechanism(case.system)
-    torque = np.max([_rms(record.commands["command"]) for record in case.records.values()], axis=0)
-    torque = np.maximum(torque, _LEAST * torque.max())
-    inertia = np.min([_inertia(mechanism, record) for record in case.records.values()], axis=0)
+    system, fit = case.system, case.records["fit"]
+    if system.controller.mode != "torque":
+        return case, ""
+    times = _times_as_far(Mechanism(system), fit)
+    worst = int(np.argmax(times))
+    if not times[worst] > _RUNAWAY:
+        return case, ""
+    joint = f"joint '{system.joints[worst]}' is {plain(float(times[worst]))} times as far from it as it moved"
+    far = joint if np.isfinite(times[worst]) else "it is beyond all bounds"
+    told = f"under the logged torques the model runs away from the record: within a second, {far}"
+    shown, hidden = _effects(case.names)
+    strange = sorted({applied.name for applied in system.effects}.difference(_effects(None)[0]))
+    if strange:
+        return case, f"{told}. Its effects {', '.join(strange)} do not allow of pulling it back"
+    if not shown:
+        return case, f"{told}. None of the effects that may be the cause can be told if it is pulled back"
+    if max(record.period for record in case.records.values()) > _SPARSE:
+        return case, f"{told}. Log 50 samples per second or more, so that it can be pulled back to the measured motion"
+    for finer in _FINER:
+        pulled = _pulled(case, replace(system, physics_rate=finer * system.physics_rate), shown)
+        if (_times_as_far(Mechanism(pulled.system), pulled.records["fit"]) < _NEAR).all():
+            unsought = f"; what acts on them as well cannot be told and was not sought: {', '.join(hidden)}" if hidden else ""
+            return pulled, (
+                f"{told}. All replays were therefore pulled back to the measured motion by a spring and a damper at each "
+                f"joint, and every gap is that of such a replay{unsought}"
+            )
+    return case, f"{told}, and neither springs nor dampers hold it. State 'armature' of light joints"
+
+
+def _effects(names: tuple[str, ...] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Divide the effects that may be the cause, None for all, into those that show beside an observer and the others."""
+    asked = [n for n, effect in JOINT_EFFECTS.items() if "torque" in effect.modes and (names is None or n in names)]
+    shown = tuple(n for n in asked if (JOINT_EFFECTS[n].hook in _HOOKS or n in _BESIDE) and n not in _TORQUES)
+    return shown, tuple(name for name in asked if name not in shown)
+
+
+def _pulled(case: JointCase, system: MechanismModel, shown: tuple[str, ...]) -> JointCase:
+    """Make the case with an observer, for the effects that show beside it.
+
+    Args:
+        case: The case.
+        system: Its model, at the rate at which it is stepped.
+        shown: Effects that may be the cause.
+    """
+    mechanism, records = Mechanism(system), case.records.values()
+    torque = np.max([_rms(_torque(record, system)) for record in records], axis=0)
+    sliding = np.array([joint in system.sliding for joint in system.joints])
+    for kind in (sliding, ~sliding):
+        torque[kind] = np.maximum(torque[kind], _LEAST * torque[kind].max(initial=0.0))
+    inertia = np.min([_inertia(mechanism, record) for record in records], axis=0)
     damping = np.minimum(torque / _REACH * _MEMORY, _STIFF * inertia / system.time_step)
     follower = ControllerModel(
         mode="pd",
@@ -82,47 +135,28 @@ def observed(case: JointCase) -> JointCase:
         velocity_reference="zero",
         torque_limit=np.full(len(damping), np.inf),
         between="line",
+        observes=True,
     )
-    pulled = replace(system, controller=follower, viscous=system.viscous + damping)
-    records = {role: _following(record, damping) for role, record in case.records.items()}
-    return replace(case, system=pulled, records=records, names=_names(case))
-
-
-def runaway_told(case: JointCase) -> str:
-    """Say in a sentence that the model of a case runs away under the logged torques; empty where it does not."""
-    if case.system.controller.mode != "torque" or not _names(case):
-        return ""
-    times = _times_as_far(Mechanism(case.system), case.records["fit"])
-    worst = int(np.argmax(times))
-    if not times[worst] > _RUNAWAY:
-        return ""
-    joint = f"joint '{case.system.joints[worst]}' is {plain(float(times[worst]))} times as far from it as it moved"
-    far = joint if np.isfinite(times[worst]) else "it is beyond all bounds"
-    return (
-        f"under the logged torques the model runs away from the record: within a second, {far}. Replays were therefore pulled "
-        "back to the measured motion by a spring and a damper at each joint; late torques, the motors' constants, and errors "
-        "of sensors and clocks cannot be told then"
-    )
-
-
-def _names(case: JointCase) -> tuple[str, ...]:
-    """List the effects that may be the cause and show beside an observer."""
-    acts = (name for name, effect in JOINT_EFFECTS.items() if "torque" in effect.modes and effect.hook in _HOOKS)
-    shown = {*acts, *_BESIDE}.difference(_TORQUES)
-    return tuple(name for name in JOINT_EFFECTS if name in shown and (case.names is None or name in case.names))
+    follows = {role: _following(record, system, damping) for role, record in case.records.items()}
+    held = replace(system, controller=follower, viscous=system.viscous + damping)
+    return replace(case, system=held, records=follows, names=shown)
 
 
 def _times_as_far(mechanism: Mechanism, record: Record) -> Array:
-    """Compute how far each joint of the plain replay is from its record, in multiples of how far it moved meanwhile. [N].
+    """Compute how far each joint of the plain replay is from its record, in multiples of how far it moved in a second. [N].
 
-    A joint that hardly moves is compared with the mean motion of all joints; infinite where the replay diverges.
+    A joint that hardly moves is compared with the mean motion of all joints of its kind; infinite where the replay diverges.
     """
-    spans, measured = spans_of(record, mechanism.system), record.measured["position"]
+    system, measured = mechanism.system, record.measured["position"]
+    spans = spans_of(record, system)
     states = [state_at(record, first, HIGHEST) for first, _ in spans]
-    replayed = mechanism.run(record, apply_effects(mechanism, ()), spans, states)["position"]
-    moved = _rms(np.concatenate([measured[first:end] - measured[first] for first, end in spans]))
-    strayed = _rms(replayed - measured)
-    return np.where(np.isfinite(strayed), strayed / np.maximum(moved, max(float(moved.mean()), 1e-12)), np.inf)
+    strayed = _rms(mechanism.run(record, apply_effects(mechanism, ()), spans, states)["position"] - measured)
+    second = max(round(1.0 / record.period), 1)
+    moved = _rms(np.concatenate([part - part[0] for part in np.split(measured, range(second, len(measured), second))]))
+    sliding = np.array([joint in system.sliding for joint in system.joints])
+    for kind in (sliding, ~sliding):
+        moved[kind] = np.maximum(moved[kind], moved[kind].mean() if kind.any() else 0.0)
+    return np.where(np.isfinite(strayed), strayed / np.maximum(moved, 1e-12), np.inf)
 
 
 def _rms(values: Array) -> Array:
@@ -136,12 +170,23 @@ def _inertia(mechanism: Mechanism, record: Record) -> Array:
     return np.min([1.0 / np.diag(np.linalg.inv(mechanism.inertia(q))) for q in record.measured["position"][rows]], axis=0)
 
 
-def _following(record: Record, damping: Array) -> Record:
+def _torque(record: Record, system: MechanismModel) -> Array:
+    """Compute the torque that the motors gave, N m or N, for commands that are joined by straight lines. [T, N].
+
+    Where the model holds commands, each is there late by half the time between two samples, on average.
+    """
+    given = record.commands["command"] + record.commands.get("feedforward", 0.0)
+    given = np.clip(given, -system.controller.torque_limit, system.controller.torque_limit)
+    before = np.concatenate([given[:1], given[:-1]])
+    return 0.5 * (given + before) if system.controller.between == "hold" else given
+
+
+def _following(record: Record, system: MechanismModel, damping: Array) -> Record:
     """Make the record whose commands are the measured motion, with the logged torques and the damper's as feedforward."""
     positions, speeds = _smoothed(record)
-    torque = record.commands["command"] + record.commands.get("feedforward", 0.0) + damping * speeds
+    commands = {"command": positions, "feedforward": _torque(record, system) + damping * speeds}
     measured = {kind: values for kind, values in record.measured.items() if kind != "effort"}
-    return replace(record, commands={"command": positions, "feedforward": torque}, measured=measured, torque_commands=False)
+    return replace(record, commands=commands, measured=measured, torque_commands=False)
 
 
 def _smoothed(record: Record) -> tuple[Array, Array]:
@@ -152,8 +197,8 @@ def _smoothed(record: Record) -> tuple[Array, Array]:
     Source: Savitzky and Golay, Analytical Chemistry 36, 1964.
     """
     grid = np.arange(0.0, record.duration + 0.5 * record.period, record.period)
-    window = max(2 * round(0.5 * _WINDOW / record.period) + 1, _ORDER + 3)
-    even = np.stack([np.interp(grid, record.time, column) for column in record.measured["position"].T], axis=1)
+    window = max(2 * round(0.5 * _WINDOW / record.period) + 1, _FEWEST)
+    even = CubicSpline(record.time, record.measured["position"])(grid)
     found = [savgol_filter(even, window, _ORDER, deriv=k, delta=record.period, axis=0) for k in (0, 1)]
-    positions, speeds = (np.stack([np.interp(record.time, grid, column) for column in one.T], axis=1) for one in found)
+    positions, speeds = (np.asarray(CubicSpline(grid, one)(record.time)) for one in found)
     return positions, speeds

@@ -101,7 +101,8 @@ def touches(views: Mapping[str, JointResiduals]) -> dict[str, list[tuple[int, in
     found: dict[str, list[tuple[int, int]]] = {}
     shares, joints = dict[str, float](), np.zeros(len(next(iter(views.values())).record.joints))
     for role, view in views.items():
-        if TOOL in view.record.measured or not view.mechanism.system.controller.closed_loop:
+        controller = view.mechanism.system.controller
+        if TOOL in view.record.measured or not controller.closed_loop or controller.observes:
             return {}
         residual = view.residual()
         excess = residual**2 - 1.0

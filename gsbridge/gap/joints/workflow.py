@@ -24,7 +24,7 @@ from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints, views_of
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
-from gsbridge.gap.joints.observer import observed, runaway_told
+from gsbridge.gap.joints.observer import observed
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import cosines
@@ -52,13 +52,13 @@ class JointBackend(CaseBackend):
         case = read_joint_case(path)
         # Building the mechanism finds further faults of the model; they are reported here, before anything is written.
         _refuse_runaway(Mechanism(case.system), case.records["fit"], case.model)
-        told = runaway_told(case)
+        _, told = observed(case)
         return cls(replace(case, reasons=(*case.reasons, told)) if told else case)
 
     @cached_property
     def replayed(self) -> JointCase:
         """The case as it is replayed: pulled back to the measured motion if its model runs away from it."""
-        return observed(self.case)
+        return observed(self.case)[0]
 
     @classmethod
     def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> JointBackend:

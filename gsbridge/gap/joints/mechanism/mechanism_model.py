@@ -49,6 +49,7 @@ class ControllerModel:
             commanded position.
         torque_limit: Largest torque of each joint, N m; infinite where there is none. [N].
         between: What reaches the controller between two logged commands: `hold` (the last one) or `line` (a straight line).
+        observes: Whether this is no controller of the mechanism, but an observer that pulls replays to the measured motion.
     """
 
     mode: str
@@ -60,6 +61,7 @@ class ControllerModel:
     velocity_reference: str
     torque_limit: Array
     between: str = "hold"
+    observes: bool = False
 
     @property
     def closed_loop(self) -> bool:
