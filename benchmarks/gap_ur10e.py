@@ -5,8 +5,9 @@
 
 The data stay where they are; that repository states no licence. Three motions of 20 s at 100 Hz are taken: five harmonics to
 fit, eight to choose, ten to judge. The model is the repository's URDF, which knows neither friction nor rotors, and the motors'
-constants are those of its `UR10E_parameters.txt`. From the same file come the owners' viscous and Coulomb friction, which they
-estimated from other motions by least squares on torques. The result is one JSON file, and a line for each effect.
+constants are those of its `UR10E_parameters.txt`. From the same file come the owners' viscous and Coulomb friction; it does not
+say from which motions, so that these figures are no truth, but another estimate. The result is one JSON file, and a line for
+each effect.
 """
 
 from __future__ import annotations
