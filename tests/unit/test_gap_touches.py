@@ -76,7 +76,7 @@ def test_a_push_alone_is_no_effect(arm):
     assert found["verdict"] == "none_of_the_known"
     assert diagnosis.finding.best is None
     assert found["sentence"] == touches_told(diagnosis.left_out, alone=True)
-    assert "agree at all other times" in found["sentence"]
+    assert "At all other times, simulation and measurement differ by no more" in found["sentence"]
     assert found["amended"] == []
 
 

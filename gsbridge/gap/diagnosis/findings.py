@@ -118,7 +118,7 @@ class Account:
     scale: ClassVar[float] = 1.0
     measured: ClassVar[str] = "records"
     others: ClassVar[str] = "a record"
-    agree: ClassVar[str] = "Simulation and measurement agree within the noise (p = {p:.2g})."
+    agree: ClassVar[str] = "Simulation and measurement differ by no more than the noise (p = {p:.2g})."
     alone: ClassVar[str] = "A difference shows on 'select' alone; log another record of such motion and fit that one."
     unexcited: ClassVar[str] = (
         "No difference shows, but most effects could not show in these records: excite the mechanism more."
@@ -275,8 +275,8 @@ class Account:
             )
         if finding.coloured:
             return (
-                "Simulation and measurement agree: what exceeds white noise is no motion, and nothing learnt from one record "
-                "holds on the other."
+                "Simulation and measurement differ by no more than noise: what exceeds white noise is no motion, and nothing "
+                "learnt from one record holds on the other."
             )
         if finding.verdict == "no_discrepancy":
             return self.agree.format(p=finding.p_value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,14 +47,11 @@ from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.gap.joints.touches import leave_out_touches, touches_told
 from gsbridge.gap.joints.verify import named_by_third, verify
+from gsbridge.gap.joints.warnings import to_know_noise, warnings_of
 from gsbridge.gap.joints.widening import Widening
 from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
-
-
-_FAR = 50.0
-"""Gap, in units of the noise, above which the estimate of the noise itself is doubted."""
 
 
 _BARELY = 1.02
@@ -63,15 +60,16 @@ _BARELY = 1.02
 _LOUD = 2.0
 """Residual without motion, in units of the noise that neighbouring samples show, above which that noise estimate is doubted."""
 
-_COLOURED = (
-    "The noise remembers itself for up to {memory:.0f} ms, as that of a filter in a sensor does, and exceeds what neighbouring "
-    "samples show. It was taken from what the effects leave, in which no channel moves with another. To be sure of it, log one "
-    "motion twice and name it under 'repeats', or state a 'tolerance'."
-)
 
-
+@dataclass(frozen=True)
 class JointAccount(Account):
-    """Turns findings about a mechanism into sentences and figures."""
+    """Turns findings about a mechanism into sentences and figures.
+
+    Args:
+        repeatable: Whether repeats of a motion would tell the noise.
+    """
+
+    repeatable: bool = True
 
     effects = JOINT_EFFECTS
 
@@ -86,10 +84,10 @@ class JointAccount(Account):
             further = (touches_told(diagnosis.left_out),)
         if not finding.coloured or finding.before < _LOUD:
             return further
+        advice = to_know_noise(self.repeatable, "the 'noise'")
         return (
             f"what is left is {plain(finding.before)} times the noise that neighbouring samples show, and nothing shows that "
-            "it is motion: a filter in the sensor hides its noise from them, perhaps. Log one motion twice and name it under "
-            "'repeats', or state the 'noise'",
+            f"it is motion: a filter in the sensor hides its noise from them, perhaps. {advice[0].upper()}{advice[1:]}",
             *further,
         )
 
@@ -215,9 +213,8 @@ def _diagnosis(
         finding = _as_accounted(finding, finding.best, account)
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     further = mechanism.runs - made - mechanism.shared - named
-    warnings = _warnings(finding, bank, any(view.record.sigma or view.record.tolerance for view in views.values()))
-    if second.colour is not None:
-        warnings = (*warnings, _COLOURED.format(memory=float(second.colour.memory.max()) * second.record.period * 1e3))
+    stated = any(view.record.sigma or view.record.tolerance for view in views.values())
+    warnings = warnings_of(finding, bank, second, stated)
     if other is not None and other.tells(finding):
         warnings = (other.sentence, *warnings)
     listed = () if account is None else account.entries
@@ -360,22 +357,6 @@ def _as_accounted(finding: Finding, best: Hypothesis, account: GapAccount) -> Fi
 def _same(some: Sequence[Applied], others: Sequence[Applied]) -> bool:
     """Tell whether two lists hold the same effects with the same parameters."""
     return len(some) == len(others) and all(effect in others for effect in some)
-
-
-def _warnings(finding: Finding, bank: SignatureBank, stated: bool) -> tuple[str, ...]:
-    """List warnings that belong before the figures; `stated` tells whether the case states noise or tolerance."""
-    out = []
-    if finding.before > _FAR and not stated:
-        out.append(
-            f"The gap is {plain(finding.before)} times the noise that neighbouring samples show. Filters in an encoder hide "
-            "noise from them: log one motion twice and name it under 'repeats', or state a 'tolerance'."
-        )
-    if finding.lost:
-        out.append(f"These fits did not converge, so that nothing is said of them: {', '.join(finding.lost)}.")
-    if bank.diverged:
-        names = ", ".join(map(str, bank.diverged))
-        out.append(f"The simulation diverged with these, so that nothing is said of them: {names}.")
-    return tuple(out)
 
 
 def views_of(

@@ -7,6 +7,7 @@ replay near the record. Their torque is in proportion to the torque that the mod
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.wording import plain
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.case import JointCase
@@ -24,7 +26,7 @@ from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import spans_of
 from gsbridge.geometry import Array
 
-_RUNAWAY, _NEAR = 5.0, 1.0
+_RUNAWAY, _NEAR = 1.0, 1.0
 """How many times as far as it moved a joint must be from its record for the model to run away, and how near an observer must
 keep it."""
 
@@ -49,15 +51,14 @@ _SPARSE = 0.021
 _WINDOW, _FEWEST, _ORDER = 0.06, 7, 4
 """Length of the window, s, smallest number of samples in it, and order of the polynomial that smooths the measured motion."""
 
+_JOINTS = 3
+"""Smallest number of joints whose equal figures are no chance."""
+
 _POSTURES = 50
 """Number of postures of each record at which the inertia is computed."""
 
-_HOOKS, _BESIDE = ("transmission", "body"), ("armature", "ripple", "effort_offset")
-"""Where effects act that show beside an observer, and further effects that do. Errors of sensors and clocks, and late torques,
-would act on the observer as well."""
-
-_TORQUES = ("load_friction", "warming")
-"""Effects in proportion to all torque or all friction of a joint, which would take the observer's for the mechanism's."""
+_HIDDEN = ("clock", "command")
+"""Where effects act that do not show beside an observer: they would move the motion that it pulls to."""
 
 
 def observed(case: JointCase) -> tuple[JointCase, str]:
@@ -69,8 +70,7 @@ def observed(case: JointCase) -> tuple[JointCase, str]:
     Returns:
         The case as it is replayed, and why its result is degraded. Where an observer is needed and possible, the case has a
         controller whose targets are the measured motion and whose feedforward is the logged torque; otherwise it is the case
-        itself, and the reason is empty where none is needed. The damper is part of the model's viscous friction, which is
-        stepped implicitly, and its target speed part of the feedforward: a light joint could not be damped explicitly.
+        itself, and the reason is empty where none is needed.
 
     Source: Luenberger, IEEE Transactions on Automatic Control 16, 1971, for observers.
     """
@@ -81,9 +81,9 @@ def observed(case: JointCase) -> tuple[JointCase, str]:
     worst = int(np.argmax(times))
     if not times[worst] > _RUNAWAY:
         return case, ""
-    joint = f"joint '{system.joints[worst]}' is {plain(float(times[worst]))} times as far from it as it moved"
-    far = joint if np.isfinite(times[worst]) else "it is beyond all bounds"
-    told = f"under the logged torques the model runs away from the record: within a second, {far}"
+    far = f"joint '{system.joints[worst]}'" if np.isfinite(times[worst]) else "it"
+    told = f"under the logged torques the model runs away from the record: within a second, {far} is {_multiple(times[worst])}"
+    told += _taken_as_true(system)
     shown, hidden = _effects(case.names)
     strange = sorted({applied.name for applied in system.effects}.difference(_effects(None)[0]))
     if strange:
@@ -103,11 +103,38 @@ def observed(case: JointCase) -> tuple[JointCase, str]:
     return case, f"{told}, and neither springs nor dampers hold it. State 'armature' of light joints"
 
 
+def strays_told(case: JointCase, effects: Sequence[Applied]) -> str:
+    """Tell in words how far plain replays of the held-out record are from it, before and after effects are added.
+
+    Args:
+        case: The case as it was read, without an observer.
+        effects: The effects.
+    """
+    mechanism, record = Mechanism(case.system), case.records["verify"]
+    before, after = (float(_times_as_far(mechanism, record, added).max()) for added in ((), effects))
+    plainly = f"without being pulled back, the farthest joint of 'verify' is {_multiple(before)}"
+    return f"{plainly} within a second" + (f", and {_multiple(after)} with what was found" if effects else "")
+
+
+def _multiple(times: float) -> str:
+    """Tell how far a joint is from its record."""
+    return f"{plain(times)} times as far from it as it moved" if np.isfinite(times) else "beyond all bounds"
+
+
 def _effects(names: tuple[str, ...] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Divide the effects that may be the cause, None for all, into those that show beside an observer and the others."""
     asked = [n for n, effect in JOINT_EFFECTS.items() if "torque" in effect.modes and (names is None or n in names)]
-    shown = tuple(n for n in asked if (JOINT_EFFECTS[n].hook in _HOOKS or n in _BESIDE) and n not in _TORQUES)
+    shown = tuple(n for n in asked if JOINT_EFFECTS[n].hook not in _HIDDEN)
     return shown, tuple(name for name in asked if name not in shown)
+
+
+def _taken_as_true(system: MechanismModel) -> str:
+    """Tell, in words that follow others, of figures that are equal at all joints, as defaults of a file are."""
+    figures = {"armature": system.armature, "viscous": system.viscous, "coulomb": system.coulomb}
+    alike = [name for name, values in figures.items() if len(values) >= _JOINTS and values[0] > 0.0 and not np.ptp(values)]
+    if not alike:
+        return ""
+    return f". All its joints have the same {' and '.join(alike)}: state 0 where none was measured, for effects only add"
 
 
 def _pulled(case: JointCase, system: MechanismModel, shown: tuple[str, ...]) -> JointCase:
@@ -129,20 +156,19 @@ def _pulled(case: JointCase, system: MechanismModel, shown: tuple[str, ...]) -> 
         mode="pd",
         rate=system.physics_rate,
         stiffness=damping / _MEMORY,
-        damping=np.zeros(len(damping)),
+        damping=damping,
         bandwidth=system.controller.bandwidth,
         gravity_compensation=0.0,
         velocity_reference="zero",
-        torque_limit=np.full(len(damping), np.inf),
+        torque_limit=system.controller.torque_limit,
         between="line",
         observes=True,
     )
-    follows = {role: _following(record, system, damping) for role, record in case.records.items()}
-    held = replace(system, controller=follower, viscous=system.viscous + damping)
-    return replace(case, system=held, records=follows, names=shown)
+    follows = {role: _following(record, system) for role, record in case.records.items()}
+    return replace(case, system=replace(system, controller=follower), records=follows, names=shown)
 
 
-def _times_as_far(mechanism: Mechanism, record: Record) -> Array:
+def _times_as_far(mechanism: Mechanism, record: Record, effects: Sequence[Applied] = ()) -> Array:
     """Compute how far each joint of the plain replay is from its record, in multiples of how far it moved in a second. [N].
 
     A joint that hardly moves is compared with the mean motion of all joints of its kind; infinite where the replay diverges.
@@ -150,7 +176,7 @@ def _times_as_far(mechanism: Mechanism, record: Record) -> Array:
     system, measured = mechanism.system, record.measured["position"]
     spans = spans_of(record, system)
     states = [state_at(record, first, HIGHEST) for first, _ in spans]
-    strayed = _rms(mechanism.run(record, apply_effects(mechanism, ()), spans, states)["position"] - measured)
+    strayed = _rms(mechanism.run(record, apply_effects(mechanism, effects), spans, states)["position"] - measured)
     second = max(round(1.0 / record.period), 1)
     moved = _rms(np.concatenate([part - part[0] for part in np.split(measured, range(second, len(measured), second))]))
     sliding = np.array([joint in system.sliding for joint in system.joints])
@@ -181,10 +207,10 @@ def _torque(record: Record, system: MechanismModel) -> Array:
     return 0.5 * (given + before) if system.controller.between == "hold" else given
 
 
-def _following(record: Record, system: MechanismModel, damping: Array) -> Record:
-    """Make the record whose commands are the measured motion, with the logged torques and the damper's as feedforward."""
+def _following(record: Record, system: MechanismModel) -> Record:
+    """Make the record whose commands are the measured motion, with the logged torques as feedforward."""
     positions, speeds = _smoothed(record)
-    commands = {"command": positions, "feedforward": _torque(record, system) + damping * speeds}
+    commands = {"command": positions, "command_velocity": speeds, "feedforward": _torque(record, system)}
     measured = {kind: values for kind, values in record.measured.items() if kind != "effort"}
     return replace(record, commands=commands, measured=measured, torque_commands=False)
 

@@ -35,7 +35,7 @@ def refuse_repeats(content: Mapping[str, Any], controller: ControllerModel, sour
     Raises:
         InputError: The case names repeats of a mechanism without feedback of positions.
     """
-    if content.get("repeats") and not controller.closed_loop:
+    if content.get("repeats") and not controller.repeatable:
         raise InputError(
             source, f"'repeats' tell nothing in mode {controller.mode}, where no controller leads them to the same positions",
             "Leave them out, and state a 'tolerance' if you know one",

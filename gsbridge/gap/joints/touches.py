@@ -84,7 +84,7 @@ def touches_told(left_out: Mapping[str, Sequence[tuple[float, float]]], alone: b
     )
     happened = f"omething that is not in the model moved several joints at once, as a push or a cable does ({where})"
     if alone:
-        return f"S{happened}. Simulation and measurement agree at all other times."
+        return f"S{happened}. At all other times, simulation and measurement differ by no more than the noise."
     return f"s{happened}: these moments count neither in the fit nor in the verdict"
 
 

@@ -24,7 +24,7 @@ from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints, views_of
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
-from gsbridge.gap.joints.observer import observed
+from gsbridge.gap.joints.observer import observed, strays_told
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import cosines
@@ -116,7 +116,9 @@ class JointBackend(CaseBackend):
         """Diagnose the case and return the content of `findings.json`, verified on the third record."""
         case = self.replayed
         diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
-        return JointAccount().findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
+        reasons = case.reasons if case is self.case else (*case.reasons, strays_told(self.case, diagnosis.effects))
+        account = JointAccount(self.case.system.controller.repeatable)
+        return account.findings_of(diagnosis, case.records, seed=seed, reasons=reasons)
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
         """Replay every record with the unchanged model and with effects.

@@ -45,6 +45,8 @@ LAW = MappingProxyType(
         "spring": "torque per angle of a cable or spring, N m/rad",
         "spring_rest": "angle at which it pulls nothing, rad",
         "warming": "change of viscous and dry friction per second, share",
+        "pull_stiffness": "torque per angle that an observer pulls with, no part of the mechanism, N m/rad",
+        "pull_damping": "torque per speed that an observer pulls with, N m s/rad",
     }
 )
 """Figures of a joint and their meaning; the kernel takes them as rows in this order."""
@@ -56,7 +58,7 @@ MODE = MappingProxyType({"torque": 0, "free": 0, "pd": 1, "position": 2})
 (
     _STIFF, _DAMP, _SHARE, _LIMIT, _VISCOUS, _DRY, _SKEW, _STRIBECK, _STRIBECK_SPEED, _LOAD, _QUADRATIC, _ARMATURE, _GAIN,
     _OFFSET, _LAG, _DELAY, _SINE, _COSINE, _WAVES, _ENC_OFFSET, _ENC_SCALE, _ECC_SINE, _ECC_COSINE, _COMPLIANCE, _BACKLASH,
-    _SPRING, _SPRING_REST, _WARMING,
+    _SPRING, _SPRING_REST, _WARMING, _PULL, _PULL_DAMP,
 ) = range(len(LAW))  # fmt: skip
 
 _YIELDING = 0.3
@@ -236,9 +238,14 @@ def simulate(
             if law[_SINE, i] != 0.0 or law[_COSINE, i] != 0.0:
                 phase = law[_WAVES, i] * q[i]
                 given += law[_SINE, i] * math.sin(phase) + law[_COSINE, i] * math.cos(phase)
+            # What an observer pulls with passes neither the motor nor the gear, so that it loads no friction.
+            driven = given
+            if law[_PULL, i] != 0.0:
+                given += law[_PULL, i] * (target[number, i] - seen_q[i]) + law[_PULL_DAMP, i] * speed[number, i]
             shift[i] = law[_ARMATURE, i]
             worn = 1.0 + law[_WARMING, i] * (start + number * step)
-            losses = law[_VISCOUS, i] * worn
+            # The observer's damper acts implicitly, as viscous friction does: a light joint could not be damped explicitly.
+            losses = law[_VISCOUS, i] * worn + law[_PULL_DAMP, i]
             if soft[i]:
                 stiff, damp, load = 0.0, 0.0, given
                 light = law[_DAMP, i] * step > 0.5 * law[_ARMATURE, i]
@@ -268,7 +275,7 @@ def simulate(
                 share = (motor_speed[i] if soft[i] else v[i]) / law[_STRIBECK_SPEED, i]
                 grip[i] += law[_STRIBECK, i] * math.exp(-share * share)
             if law[_LOAD, i] != 0.0:
-                grip[i] += law[_LOAD, i] * abs(given)
+                grip[i] += law[_LOAD, i] * abs(driven)
             grip[i] *= worn
             if soft[i]:
                 shift[i] = law[_ARMATURE, i] if joins[i] else 0.0

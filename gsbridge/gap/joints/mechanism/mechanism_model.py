@@ -68,6 +68,11 @@ class ControllerModel:
         """Whether position errors are fed back, so that a replay stays near the record by itself."""
         return self.mode in ("pd", "position")
 
+    @property
+    def repeatable(self) -> bool:
+        """Whether the mechanism's own controller leads two records of one command to one motion, so that repeats tell noise."""
+        return self.closed_loop and not self.observes
+
 
 @dataclass(frozen=True)
 class MechanismModel:

@@ -58,7 +58,9 @@ class JointSetup:
         """
         c, count = system.controller, len(system.joints)
         law = {name: np.zeros(count) for name in LAW}
-        law["stiffness"], law["damping"] = c.stiffness.copy(), c.damping.copy()
+        # An observer is no controller: effects of the controller do not act on it.
+        spring, damper = ("pull_stiffness", "pull_damping") if c.observes else ("stiffness", "damping")
+        law[spring], law[damper] = c.stiffness.copy(), c.damping.copy()
         law["gravity_share"], law["torque_limit"] = np.full(count, c.gravity_compensation), c.torque_limit.copy()
         law["viscous"], law["coulomb"], law["armature"] = system.viscous.copy(), system.coulomb.copy(), system.armature.copy()
         law["stribeck_speed"], law["ripple_waves"] = np.ones(count), np.ones(count)
