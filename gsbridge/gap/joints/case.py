@@ -33,7 +33,6 @@ from gsbridge.gap.formats.records import (
 from gsbridge.gap.formats.yaml_file import read_case_file, stated_number
 from gsbridge.gap.joints.mechanism.description import read_mechanism_description
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
-from gsbridge.gap.joints.mechanism.placeholders import placeholder_told
 from gsbridge.gap.joints.repeats import refuse_repeats, scatter_of
 from gsbridge.geometry import Array
 from gsbridge.reading import refusing
@@ -170,8 +169,6 @@ def _joint_case(path: Path) -> JointCase:
                 f"joint '{joint}' is logged up to {far:.2g} {unit} from zero, where the model holds it, for 'joints' lacks it"
             )
     reasons += _still(system)
-    made_up = placeholder_told(read_mechanism_description(system.urdf).inertials)
-    reasons += [made_up] if made_up else []
     return JointCase(model, system, records, names, (*reasons, *split))
 
 

@@ -83,7 +83,6 @@ def observed(case: JointCase) -> tuple[JointCase, str]:
         return case, ""
     far = f"joint '{system.joints[worst]}'" if np.isfinite(times[worst]) else "it"
     told = f"under the logged torques the model runs away from the record: within a second, {far} is {_multiple(times[worst])}"
-    told += _taken_as_true(system)
     shown, hidden = _effects(case.names)
     strange = sorted({applied.name for applied in system.effects}.difference(_effects(None)[0]))
     if strange:
@@ -98,7 +97,7 @@ def observed(case: JointCase) -> tuple[JointCase, str]:
             unsought = f"; what acts on them as well cannot be told and was not sought: {', '.join(hidden)}" if hidden else ""
             return pulled, (
                 f"{told}. All replays were therefore pulled back to the measured motion by a spring and a damper at each "
-                f"joint, and every gap is that of such a replay{unsought}"
+                f"joint, and every gap is that of such a replay{unsought}{_taken_as_true(system)}"
             )
     return case, f"{told}, and neither springs nor dampers hold it. State 'armature' of light joints"
 
@@ -134,7 +133,8 @@ def _taken_as_true(system: MechanismModel) -> str:
     alike = [name for name, values in figures.items() if len(values) >= _JOINTS and values[0] > 0.0 and not np.ptp(values)]
     if not alike:
         return ""
-    return f". All its joints have the same {' and '.join(alike)}: state 0 where none was measured, for effects only add"
+    which = " and ".join(alike)
+    return f". If {which}, the same at all joints, {'were' if alike[1:] else 'was'} never measured, state 0: effects add to it"
 
 
 def _pulled(case: JointCase, system: MechanismModel, shown: tuple[str, ...]) -> JointCase:

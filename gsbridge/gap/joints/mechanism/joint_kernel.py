@@ -140,7 +140,7 @@ def simulate(
     matrix, brain_matrix, factor, inverse = np.empty((4, count, count))
     hold, brain_hold = np.empty(count), np.empty(count)
     screws, loads, work = np.empty((count, 6)), np.empty((count, LOADS)), np.empty((count, 18))
-    asked, delayed, seen_q, seen_v = np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
+    asked, delayed, seen_q, seen_v, tilt = np.zeros(count), np.zeros(count), np.empty(count), np.empty(count), np.empty(count)
     grip, impulse, right, pull = np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
     skew, lows, highs, gives, slopes = np.zeros((5, count))
     end, alone, rubbed, diagonal = np.empty((4, count))
@@ -184,10 +184,10 @@ def simulate(
         for i in range(count):
             angle, rate = (motor[i], motor_speed[i]) if soft[i] else (q[i], v[i])
             scale = 1.0 + law[_ENC_SCALE, i]
-            seen_q[i] = scale * angle + law[_ENC_OFFSET, i]
-            seen_v[i] = scale * rate
+            seen_q[i], seen_v[i], tilt[i] = scale * angle + law[_ENC_OFFSET, i], scale * rate, scale
             if law[_ECC_SINE, i] != 0.0 or law[_ECC_COSINE, i] != 0.0:
                 seen_q[i] += law[_ECC_SINE, i] * math.sin(angle) + law[_ECC_COSINE, i] * math.cos(angle)
+                tilt[i] += law[_ECC_SINE, i] * math.cos(angle) - law[_ECC_COSINE, i] * math.sin(angle)
                 seen_v[i] += (law[_ECC_SINE, i] * math.cos(angle) - law[_ECC_COSINE, i] * math.sin(angle)) * rate
             true = true and seen_q[i] == q[i]
         if number % every == 0:
@@ -238,14 +238,15 @@ def simulate(
             if law[_SINE, i] != 0.0 or law[_COSINE, i] != 0.0:
                 phase = law[_WAVES, i] * q[i]
                 given += law[_SINE, i] * math.sin(phase) + law[_COSINE, i] * math.cos(phase)
-            # What an observer pulls with passes neither the motor nor the gear, so that it loads no friction.
+            # What an observer pulls with is no torque of the motor: neither its constant nor friction under load acts on it.
             driven = given
             if law[_PULL, i] != 0.0:
                 given += law[_PULL, i] * (target[number, i] - seen_q[i]) + law[_PULL_DAMP, i] * speed[number, i]
             shift[i] = law[_ARMATURE, i]
             worn = 1.0 + law[_WARMING, i] * (start + number * step)
-            # The observer's damper acts implicitly, as viscous friction does: a light joint could not be damped explicitly.
-            losses = law[_VISCOUS, i] * worn + law[_PULL_DAMP, i]
+            # The observer's damper acts implicitly, as viscous friction does: a light joint could not be damped explicitly. It
+            # acts on the speed that the encoder shows.
+            losses = law[_VISCOUS, i] * worn + law[_PULL_DAMP, i] * tilt[i]
             if soft[i]:
                 stiff, damp, load = 0.0, 0.0, given
                 light = law[_DAMP, i] * step > 0.5 * law[_ARMATURE, i]

@@ -129,6 +129,7 @@ class MechanismModel:
         ]
         figures += [[effect.record() for effect in self.effects]]
         figures += [self.tool] if self.tool else []
+        figures += ["observes"] if c.observes else []
         text = json.dumps([item.tolist() if isinstance(item, np.ndarray) else item for item in figures])
         return hashlib.sha256(description_bytes(self.urdf) + text.encode()).hexdigest()
 

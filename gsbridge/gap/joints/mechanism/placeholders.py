@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from gsbridge.robot.urdf import InertialElement
+from gsbridge.gap.joints.mechanism.replay import Mechanism
 
 _LINKS = 3
 """Smallest number of links of one inertia that is no chance."""
@@ -17,31 +17,46 @@ _ALIKE = 1e-6
 _HEAVIER = 1.5
 """Ratio of the largest to the smallest mass from which on links of one inertia cannot all be what they say."""
 
+_BALL = 0.5
+"""Radius of a ball with a link's mass and inertia, m, above which the inertia is not that of an arm's link."""
 
-def placeholder_told(inertials: Mapping[str, InertialElement]) -> str:
-    """Tell in words of links whose inertia is a placeholder; empty where there are none.
+_MATTERS = 0.1
+"""Least share of the inertia about some joint that placeholders must have to matter."""
+
+
+def placeholder_told(mechanism: Mechanism) -> str:
+    """Tell in words of moved links whose inertia is a placeholder that matters; empty where there are none.
 
     PyBullet's own Panda states 0.1 kg m2 about each axis of every link, from 0.1 to 3 kg, which doubles the inertia about its
     first joint. No effect of the catalogue stands for that.
 
     Args:
-        inertials: Mass properties by link.
+        mechanism: The mechanism.
     """
-    groups: list[tuple[float, list[float]]] = []
-    for element in inertials.values():
-        moment, mass = float(element.tensor[0, 0]), element.mass
-        if mass <= 0.0 or moment <= 0.0 or np.abs(element.tensor - moment * np.eye(3)).max() > _ALIKE * moment:
+    links = mechanism.chain.links
+    inertials, told = mechanism.skeleton.inertials, list[str]()
+    groups: list[tuple[float, list[str]]] = []
+    for name, body in inertials.items():
+        moment = float(body.inertia[0, 0])
+        if links[name][0] < 0 or body.mass <= 0.0 or moment <= 0.0:
             continue
-        masses = next((masses for about, masses in groups if abs(about - moment) <= _ALIKE * moment), None)
-        if masses is None:
-            groups.append((moment, [mass]))
+        if np.abs(body.inertia - moment * np.eye(3)).max() > _ALIKE * moment:
+            continue
+        alike = next((names for about, names in groups if abs(about - moment) <= _ALIKE * moment), None)
+        if alike is None:
+            groups.append((moment, [name]))
         else:
-            masses.append(mass)
-    told = [
-        f"{len(masses)} links of {min(masses):.2g} to {max(masses):.2g} kg all have {moment:.3g} kg m2 about each axis"
-        for moment, masses in groups
-        if len(masses) >= _LINKS and max(masses) >= _HEAVIER * min(masses)
-    ]
-    return (
-        f"{'; '.join(told)}: placeholders, it seems. Correct them, since no effect stands for a wrong inertia" if told else ""
-    )
+            alike.append(name)
+    rest = np.zeros(len(mechanism.system.joints))
+    for moment, names in groups:
+        masses = [inertials[name].mass for name in names]
+        odd = max(masses) >= _HEAVIER * min(masses) or 2.5 * moment > _BALL**2 * min(masses)
+        if len(names) < _LINKS or not odd:
+            continue
+        without = inertials | {name: replace(inertials[name], inertia=np.zeros((3, 3))) for name in names}
+        left = np.diag(mechanism.inertia(rest, without)) / np.diag(mechanism.inertia(rest))
+        if left.min() <= 1.0 - _MATTERS:
+            told.append(
+                f"{len(names)} links of {min(masses):.2g} to {max(masses):.2g} kg all have {moment:.3g} kg m2 about each axis"
+            )
+    return f"{'; '.join(told)}: placeholders, it seems. Correct them: no effect stands for a wrong inertia" if told else ""

@@ -18,7 +18,7 @@ from gsbridge.errors import InputError
 from gsbridge.gap.formats.records import AXES, TOOL, Record
 from gsbridge.gap.joints.mechanism.chain import Chain
 from gsbridge.gap.joints.mechanism.dynamics import LOADS, inertia, place, spread
-from gsbridge.gap.joints.mechanism.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.inertials import Inertial, Skeleton
 from gsbridge.gap.joints.mechanism.joint_kernel import MODE, simulate
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.setup import JointSetup
@@ -80,11 +80,12 @@ class Mechanism:
         """Make a fresh setup without effects."""
         return JointSetup.nominal(self.system, self.skeleton.inertials, self.skeleton.child_of)
 
-    def inertia(self, q: Array) -> Array:
+    def inertia(self, q: Array, inertials: Mapping[str, Inertial] | None = None) -> Array:
         """Compute the joint-space inertia of the model in a posture, rotors included.
 
         Args:
             q: Positions of the joints, rad or m. [N].
+            inertials: Mass properties by link; None for those of the model.
 
         Returns:
             kg m2, kg m or kg. [N, N].
@@ -93,7 +94,8 @@ class Mechanism:
         turn, (origin, axis) = np.empty((count, 3, 3)), np.empty((2, count, 3))
         screws, loads, matrix = np.empty((count, 6)), np.empty((count, LOADS)), np.empty((count, count))
         place(chain.parents, chain.fixed, chain.axes, chain.slides, q[chain.order], turn, origin, axis)
-        spread(chain.slides, self._brain, turn, origin, axis, screws, loads)
+        bodies = self._brain if inertials is None else chain.bodies(inertials)
+        spread(chain.slides, bodies, turn, origin, axis, screws, loads)
         inertia(chain.parents, screws, loads, matrix)
         out = np.empty_like(matrix)
         out[np.ix_(chain.order, chain.order)] = matrix
