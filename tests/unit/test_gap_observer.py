@@ -204,10 +204,6 @@ FURTHER = {
         lambda: pure(lambda torque, q: torque + 0.3 * np.sin(12 * q)),
         each("ripple", sine=0.3, cosine=0.0, waves=12.0),
     ),
-    "saturation": (
-        lambda: pure(lambda torque, q: np.clip(torque, [-99, -0.7], [99, 0.7])),
-        [Applied("saturation", "wrist", {"weakness": 1 / 0.7})],
-    ),
     "load_friction": (lambda: rubbing(lambda time, torque: DRY + 0.15 * np.abs(torque)), each("load_friction", share=0.15)),
     "warming": (lambda: rubbing(lambda time, torque: DRY * (1 + 0.1 * time)), each("warming", rate=0.1)),
 }
@@ -262,7 +258,7 @@ def test_only_effects_that_show_beside_an_observer_are_sought(case):
     seen, _ = observed(read_joint_case(case / "case.yaml"))
     assert seen.names is not None
     assert {"coulomb", "armature", "payload", "torque_lag", "load_friction", "encoder_offset"} < set(seen.names)
-    assert not {"command_delay", "lag", "clock_offset", "clock_drift"} & set(seen.names)
+    assert not {"command_delay", "lag", "clock_offset", "clock_drift", "saturation"} & set(seen.names)
 
 
 def test_a_placeholder_of_an_inertia_is_held_by_shorter_steps_or_told(case, tmp_path):

@@ -60,6 +60,10 @@ _POSTURES = 50
 _HIDDEN = ("clock", "command")
 """Where effects act that do not show beside an observer: they would move the motion that it pulls to."""
 
+_ACTED = ("saturation",)
+"""Effects that logged torques have passed already. A limit near zero takes torque away as friction does: on logs of a UR10e, it
+explained more at first than the friction, and hid it."""
+
 
 def observed(case: JointCase) -> tuple[JointCase, str]:
     """Give a case an observer if its model runs away from the record `fit` under the logged torques.
@@ -94,7 +98,7 @@ def observed(case: JointCase) -> tuple[JointCase, str]:
     for finer in _FINER:
         pulled = _pulled(case, replace(system, physics_rate=finer * system.physics_rate), shown)
         if (_times_as_far(Mechanism(pulled.system), pulled.records["fit"]) < _NEAR).all():
-            unsought = f"; what acts on them as well cannot be told and was not sought: {', '.join(hidden)}" if hidden else ""
+            unsought = f"; what cannot be told then was not sought: {', '.join(hidden)}" if hidden else ""
             return pulled, (
                 f"{told}. All replays were therefore pulled back to the measured motion by a spring and a damper at each "
                 f"joint, and every gap is that of such a replay{unsought}{_taken_as_true(system)}"
@@ -123,7 +127,7 @@ def _multiple(times: float) -> str:
 def _effects(names: tuple[str, ...] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Divide the effects that may be the cause, None for all, into those that show beside an observer and the others."""
     asked = [n for n, effect in JOINT_EFFECTS.items() if "torque" in effect.modes and (names is None or n in names)]
-    shown = tuple(n for n in asked if JOINT_EFFECTS[n].hook not in _HIDDEN)
+    shown = tuple(n for n in asked if JOINT_EFFECTS[n].hook not in _HIDDEN and n not in _ACTED)
     return shown, tuple(name for name in asked if name not in shown)
 
 
