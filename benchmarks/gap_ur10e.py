@@ -15,18 +15,15 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import yaml
 
-from gsbridge import logs
+from benchmarks.gap_owners import run
 from gsbridge.errors import InputError
-from gsbridge.files import write_json
 from gsbridge.geometry import Array
 
 JOINTS = (
@@ -87,54 +84,17 @@ def write_case(source: Path, folder: Path) -> Path:
     return folder / "case.yaml"
 
 
-def compared(findings: Mapping[str, Any], owners: Array) -> dict[str, Any]:
-    """Set the sizes of friction in an account beside the owners' estimate.
-
-    Args:
-        findings: Content of `findings.json`.
-        owners: Viscous friction, N m s/rad, Coulomb friction and an offset, N m, of each joint. [18].
-    """
-    account = findings.get("account") or {"entries": [], "explained": 0.0}
-    known = dict(zip(((name, joint) for joint in JOINTS for name in (*SHOWN, "")), owners, strict=True))
-    rows = [
-        {
-            "label": entry["label"],
-            "share": entry["share"],
-            "verdict": entry["verdict"],
-            "parameters": {name: row["value"] for name, row in entry["parameters"].items()},
-            "owners": None if (value := known.get((entry["name"], entry["joint"]))) is None else float(value),
-        }
-        for entry in account["entries"]
-    ]
-    kept = {key: findings[key] for key in ("verdict", "sentence", "reasons", "simulations", "seconds")}
-    return {**kept, "explained": account["explained"], "entries": rows}
+def known(options: argparse.Namespace) -> dict[tuple[str, str], float]:
+    """Return the owners' viscous and Coulomb friction, N m s/rad and N m; an offset beside them is left out."""
+    figures = stated(options.source, "pi_frcn").reshape(len(JOINTS), 3)
+    return {(name, joint): float(row[k]) for joint, row in zip(JOINTS, figures, strict=True) for k, name in enumerate(SHOWN)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Diagnose the arm; the exit status is 2 if the data are missing."""
-    from gsbridge.gap.workflow import run_case
-
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("source", type=Path, help="clone of the repository that holds the logs")
-    parser.add_argument("--output", type=Path, help="JSON file of the figures")
-    options = parser.parse_args(arguments)
-    logs.start(1, None)
-    with TemporaryDirectory(prefix="gsbridge-ur10e-") as place:
-        folder = Path(place)
-        try:
-            case = write_case(options.source, folder)
-            out = compared(run_case(case, folder / "out", folder / "bank"), stated(options.source, "pi_frcn"))
-        except InputError as error:
-            sys.stderr.write(f"{error}\n")
-            return 2
-    if options.output:
-        write_json(options.output, out)
-    sys.stdout.write(f"{out['verdict']}: {100 * out['explained']:.1f} % of the gap on '{MOTIONS['verify']}' is explained.\n")
-    for row in out["entries"]:
-        beside = "" if row["owners"] is None else f"; owners: {row['owners']:.2f}"
-        sizes = ", ".join(f"{name} {value:.3g}" for name, value in row["parameters"].items())
-        sys.stdout.write(f"{row['label']}: {sizes} ({100 * row['share']:.1f} %{beside})\n")
-    return 0
+    return run(parser, arguments, lambda options, folder: write_case(options.source, folder), known)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Models that run away from their records under the logged torques, against an arm that MuJoCo moves."""
 
+import argparse
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +13,8 @@ import pybullet_data
 import pytest
 import yaml
 
-from benchmarks.gap_ur10e import JOINTS as UR10E_JOINTS
-from benchmarks.gap_ur10e import compared
+from benchmarks import gap_panda, gap_ur10e
+from benchmarks.gap_owners import compared
 from gsbridge.effects.registry import Applied
 from gsbridge.files import read_json
 from gsbridge.gap.joints.case import read_joint_case
@@ -289,14 +290,20 @@ def test_a_case_that_no_observer_suits_says_why(case, tmp_path):
         assert word in told
 
 
-def test_the_owners_figures_stand_beside_an_account():
-    owners = np.arange(18.0)
+def test_the_owners_figures_stand_beside_an_account(tmp_path):
+    (tmp_path / gap_ur10e.OWNERS).write_text(f"pi_frcn = [{' '.join(map(str, range(18)))}]\n")
+    (tmp_path / gap_panda.FRICTION).parent.mkdir(parents=True)
+    (tmp_path / gap_panda.FRICTION).write_text(
+        "    fp = [...\n        0.5,0.8,0.6,1.2,0.8,0.3,0.56;...\n        0,0,0,0,0,0,0];\n"
+    )
+    options = argparse.Namespace(source=tmp_path)
     found = {"verdict": "no_discrepancy", "sentence": "", "reasons": [], "simulations": {}, "seconds": 1.0}
-    assert compared(found, owners)["entries"] == []
-    about = {"joint": UR10E_JOINTS[1], "share": 0.5, "verdict": "likely", "parameters": {"size": {"value": 2.0}}}
-    entries = [{"label": name, "name": name, **about} for name in ("viscous", "coulomb", "ripple")]
-    rows = compared(found | {"account": {"entries": entries, "explained": 0.9}}, owners)["entries"]
-    assert [row["owners"] for row in rows] == [3.0, 4.0, None]
+    assert compared(found, gap_ur10e.known(options))["entries"] == []
+    for arm, joint, owners in ((gap_ur10e, gap_ur10e.JOINTS[1], [3.0, 4.0, None]), (gap_panda, "joint6", [None, 0.15, None])):
+        about = {"joint": joint, "share": 0.5, "verdict": "likely", "parameters": {"size": {"value": 2.0}}}
+        entries = [{"label": name, "name": name, **about} for name in ("viscous", "coulomb", "ripple")]
+        rows = compared(found | {"account": {"entries": entries, "explained": 0.9}}, arm.known(options))["entries"]
+        assert [row["owners"] for row in rows] == owners
 
 
 def test_friction_that_a_model_lacks_is_told_where_it_runs_away(case, tmp_path):
