@@ -36,8 +36,8 @@ JOINTS = (
 )
 MOTIONS = {"fit": "ur-20_02_06-20sec_5harm", "select": "ur-20_02_05-20sec_8harm", "verify": "ur-20_02_06-20sec_10harm"}
 LOGS, MODEL, OWNERS = "dataset_ur10e/identification_data", "URe/urdf/ur10e.urdf", "UR10E_parameters.txt"
-SHOWN = ("viscous", "coulomb")
-"""Effects whose sizes the owners state, in the order in which they state them for each joint, before an offset."""
+SHOWN = {"viscous": 0, "coulomb": 1, "coulomb_asym": 1}
+"""Effects whose sizes the owners state, and where: they state two for each joint, before an offset."""
 
 _MOVING, _BESIDE = 0.01, 20
 """Speed, rad/s, from which on the arm moves, and samples that are kept before and behind the motion."""
@@ -87,7 +87,8 @@ def write_case(source: Path, folder: Path) -> Path:
 def known(options: argparse.Namespace) -> dict[tuple[str, str], float]:
     """Return the owners' viscous and Coulomb friction, N m s/rad and N m; an offset beside them is left out."""
     figures = stated(options.source, "pi_frcn").reshape(len(JOINTS), 3)
-    return {(name, joint): float(row[k]) for joint, row in zip(JOINTS, figures, strict=True) for k, name in enumerate(SHOWN)}
+    rows = dict(zip(JOINTS, figures, strict=True))
+    return {(name, joint): float(row[k]) for joint, row in rows.items() for name, k in SHOWN.items()}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
