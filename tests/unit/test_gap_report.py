@@ -216,6 +216,18 @@ def test_without_efforts_the_page_asks_for_them():
     assert not any("efforts" in step for step in next_steps(findings(), {**about, "mode": "free"}, {"unseen": []}, "x"))
 
 
+def test_an_experiment_that_proves_an_effect_at_two_joints_is_proposed_once():
+    about = {"records": {"fit": {"measured": ["position"]}}, "mode": "torque"}
+    dry = {"title": "Coulomb friction", "tell_apart": "ramp the torque"}
+    entries = [{**dry, "joint": "a"}, {**dry, "joint": "b"}, {"title": "drag", "tell_apart": "go fast", "joint": "a"}]
+    found = findings("none_of_the_known") | {"account": {"entries": entries, "explained": 0.9}, "amended": []}
+    steps = next_steps(found, about, {"unseen": []}, "x")
+    assert [step for step in steps if step.startswith("To prove")] == [
+        "To prove Coulomb friction: ramp the torque; log that as a further record.",
+        "To prove drag: go fast; log that as a further record.",
+    ]
+
+
 def test_what_no_simulation_plays_comes_with_something_else_to_do():
     found = findings()
     found["effects"][0]["instead"] = JOINT_EFFECTS["backlash"].advice

@@ -31,6 +31,9 @@ _UNFITTED = {
 }
 """Reasons why nothing is explained, by verdict; otherwise no effect was fitted."""
 
+_PROOFS = 2
+"""Largest number of experiments that are proposed."""
+
 
 def head(found: Mapping[str, Any]) -> dict[str, Any]:
     """Collect the head of a page about findings, by the names that its template asks for."""
@@ -196,8 +199,12 @@ def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening:
                 f"results/gap/{case}/model.yaml holds the effects of the account: likely, not proven, and nearer to what was "
                 f"measured on {unseen(findings)} that they have not seen."
             )
-        for item in (findings.get("account") or {"entries": []})["entries"][:2]:
-            out.append(f"To prove {item['title']}: {item['tell_apart']}; log that as a further record.")
+        entries = (findings.get("account") or {"entries": []})["entries"]
+        # One effect may act at several joints, and one experiment shows it at all of them.
+        proofs = dict.fromkeys(
+            f"To prove {item['title']}: {item['tell_apart']}; log that as a further record." for item in entries
+        )
+        out += list(proofs)[:_PROOFS]
         out.append(
             "Look at the map for what the motion has in common where the difference is largest: it may be an effect that no "
             "catalogue has (docs/gap.md, Adding an effect)."
