@@ -391,7 +391,7 @@ def _counted(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, dict[str,
 
 def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed: int) -> list[dict[str, Any]]:
     """Diagnose the cases, and print one line for each."""
-    from gsbridge.gap.workflow import run_case
+    from gsbridge.gap.joints.workflow import JointBackend
 
     rows = []
     for order in drawn:
@@ -403,7 +403,7 @@ def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed:
         if not file.exists():
             write_case(order, case, seed)
         begin = time.perf_counter()
-        findings = run_case(file, case / "out", folder / "bank")
+        findings = JointBackend.read(file).diagnose(folder / "bank", 0)
         account = findings.get("account") or {"entries": [], "explained": None}
         first = account["entries"][0] if account["entries"] else None
         row = {

@@ -29,9 +29,14 @@ from gsbridge.errors import InputError
 from gsbridge.experiment.gap_benchmark import methods_of
 from gsbridge.experiment.seals import VARIABLE, record_seal, seal_of
 from gsbridge.files import read_json, write_json
-from gsbridge.gap.benchmark import campaign, drawing
-from gsbridge.gap.benchmark.case_plan import SPLITS, TIERS
+from gsbridge.gap.benchmark import drawing
+from gsbridge.gap.benchmark.baselines import METHODS
+from gsbridge.gap.benchmark.campaign import OURS, Diagnose, case_keys, diagnose_cases
+from gsbridge.gap.benchmark.case_plan import BODIES, IMAGES, SPLITS, TIERS
+from gsbridge.gap.benchmark.joint_diagnosis import diagnose_joint_case
+from gsbridge.gap.benchmark.photo_diagnosis import diagnose_photo_case
 from gsbridge.gap.benchmark.score import score_findings
+from gsbridge.gap.benchmark.throw_diagnosis import diagnose_thrown_case
 from gsbridge.report.scores.risk_coverage import answered, risk_at
 
 REGISTER = Path(__file__).parent / "seals"
@@ -40,12 +45,18 @@ SHOWN = ("named_right", "named_or_covered", "named_wrong", "false_alarm", "unkno
 """Rates that are recorded."""
 
 
+def diagnosis(tier: str) -> Diagnose:
+    """Way of diagnosing the kind of case that a tier holds."""
+    kinds: dict[str, Diagnose] = {BODIES: diagnose_thrown_case, IMAGES: diagnose_photo_case}
+    return kinds.get(tier, diagnose_joint_case)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw the cases, diagnose and score them, and record the scores."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tiers", nargs="+", choices=TIERS, default=list(TIERS))
     parser.add_argument("--cases", type=int, help="of each tier; all without it")
-    parser.add_argument("--methods", nargs="+", choices=campaign.METHODS[1:], default=[], help="other ways of naming beside")
+    parser.add_argument("--methods", nargs="+", choices=METHODS[1:], default=[], help="other ways of naming beside")
     parser.add_argument("--folder", type=Path, help="keeps cases, truths and findings")
     parser.add_argument(
         "--scored", type=Path, nargs="+", default=[], help="scores of tiers that are there already; nothing runs"
@@ -71,9 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         cases, truths = folder / "cases", folder / "truths"
         if not (cases / "manifest.json").exists():
             drawing.generate_cases(tier, SPLITS[1], cases, truths, count=options.cases, seal=seal)
-        findings = {campaign.METHODS[0]: folder / "findings", **{name: folder / name for name in options.methods}}
+        findings = {OURS: folder / "findings", **{name: folder / name for name in options.methods}}
         for method, found in findings.items():
-            campaign.diagnose_cases(cases, campaign.case_keys(cases), found, options.folder / "bank", method=method)
+            diagnose_cases(cases, case_keys(cases), found, options.folder / "bank", diagnosis(tier), method=method)
         scores = score_findings(cases, truths, {method: [found] for method, found in findings.items()})
         write_json(folder / "scores.json", scores)
         record_seal(options.register, seal, {tier: _told(scores)})
@@ -98,14 +109,14 @@ def _register(paths: Sequence[Path], register: Path) -> None:
 
 def _told(scores: Mapping[str, Any]) -> dict[str, Any]:
     """Entry of a tier in the register."""
-    found = scores["methods"][campaign.METHODS[0]]
+    found = scores["methods"][OURS]
     figures = {key.replace("_", " "): _share(found[key]) for key in SHOWN if found[key]["n"]}
     lists = {method: content["list"] for method, content in scores["methods"].items()}
-    coverage = answered(lists[campaign.METHODS[0]])
+    coverage = answered(lists[OURS])
     risks = {method: risk_at(rows, coverage) for method, rows in lists.items()} if len(lists) > 1 else {}
     told = [f"{method} {'none' if risk is None else f'{100 * risk:.0f} %'}" for method, risk in risks.items()]
     figures |= {f"wrong among the {100 * coverage:.0f} % of cases that each is surest of:": "; ".join(told)} if told else {}
-    code = code_digest("gsbridge.gap.benchmark.campaign", "gsbridge.gap.benchmark.score")
+    code = code_digest(diagnosis(scores["tier"]).__module__, "gsbridge.gap.benchmark.score")
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False
     ).stdout.strip()

@@ -28,15 +28,20 @@ rule generate_gap_cases:
         "../scripts/generate_gap_cases.py"
 
 
-rule diagnose_gap_cases:
+# Each kind of case has a rule of its own: an edit of how one kind is diagnosed leaves the findings about the others.
+
+
+rule diagnose_joint_cases:
     input:
         cases="results/gap-benchmark/{tier}/cases",
     output:
         findings=directory("results/gap-benchmark/{tier}/findings/{method}-{chunk}"),
     log:
-        "results/logs/diagnose_gap_cases/{tier}-{method}-{chunk}.log",
+        "results/logs/diagnose_joint_cases/{tier}-{method}-{chunk}.log",
     benchmark:
-        "results/benchmarks/diagnose_gap_cases/{tier}-{method}-{chunk}.jsonl"
+        "results/benchmarks/diagnose_joint_cases/{tier}-{method}-{chunk}.jsonl"
+    wildcard_constraints:
+        tier=one_of(BENCHMARK.tiers("joint")),
     conda:
         "../envs/gap.yaml"
     threads: 1
@@ -44,15 +49,73 @@ rule diagnose_gap_cases:
         mem_mb=2000,
         runtime="4h",
     params:
-        code=script_digest("diagnose_gap_cases"),
+        code=script_digest("diagnose_joint_cases"),
         chunks=GAP["chunks"],
         bank=GAP_BANK,
-        state=lambda wildcards: state_folder("diagnose_gap_cases", wildcards, SEED),
+        state=lambda wildcards: state_folder("diagnose_joint_cases", wildcards, SEED),
         seed=SEED,
     message:
         "Diagnose tier {wildcards.tier} by {wildcards.method}, chunk {wildcards.chunk} of {params.chunks}"
     script:
-        "../scripts/diagnose_gap_cases.py"
+        "../scripts/diagnose_joint_cases.py"
+
+
+rule diagnose_thrown_cases:
+    input:
+        cases="results/gap-benchmark/{tier}/cases",
+    output:
+        findings=directory("results/gap-benchmark/{tier}/findings/{method}-{chunk}"),
+    log:
+        "results/logs/diagnose_thrown_cases/{tier}-{method}-{chunk}.log",
+    benchmark:
+        "results/benchmarks/diagnose_thrown_cases/{tier}-{method}-{chunk}.jsonl"
+    wildcard_constraints:
+        tier=one_of(BENCHMARK.tiers("thrown")),
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="4h",
+    params:
+        code=script_digest("diagnose_thrown_cases"),
+        chunks=GAP["chunks"],
+        bank=GAP_BANK,
+        state=lambda wildcards: state_folder("diagnose_thrown_cases", wildcards, SEED),
+        seed=SEED,
+    message:
+        "Diagnose tier {wildcards.tier} by {wildcards.method}, chunk {wildcards.chunk} of {params.chunks}"
+    script:
+        "../scripts/diagnose_thrown_cases.py"
+
+
+rule diagnose_photo_cases:
+    input:
+        cases="results/gap-benchmark/{tier}/cases",
+    output:
+        findings=directory("results/gap-benchmark/{tier}/findings/{method}-{chunk}"),
+    log:
+        "results/logs/diagnose_photo_cases/{tier}-{method}-{chunk}.log",
+    benchmark:
+        "results/benchmarks/diagnose_photo_cases/{tier}-{method}-{chunk}.jsonl"
+    wildcard_constraints:
+        tier=one_of(BENCHMARK.tiers("photo")),
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="4h",
+    params:
+        code=script_digest("diagnose_photo_cases"),
+        chunks=GAP["chunks"],
+        bank=GAP_BANK,
+        state=lambda wildcards: state_folder("diagnose_photo_cases", wildcards, SEED),
+        seed=SEED,
+    message:
+        "Diagnose tier {wildcards.tier} by {wildcards.method}, chunk {wildcards.chunk} of {params.chunks}"
+    script:
+        "../scripts/diagnose_photo_cases.py"
 
 
 rule score_gap_cases:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from gsbridge.gap.benchmark.chunks import score_tier
+from gsbridge.gap.benchmark.score import score_tier
 from gsbridge.logs import start
 
 if TYPE_CHECKING:

@@ -25,6 +25,9 @@ bodies and pictures share little, and rival methods run far more simulations tha
 AREAS = (*_TIERS, "gap_real")
 """Areas of the figures about the gap."""
 
+_PHOTOS, _THROWN = "t4", "t5"
+"""Tiers of photos and of thrown bodies; all others are about joints."""
+
 _SEARCHES = ("cma_es", "cma_es_tenfold")
 """Methods that search with CMA-ES and need the package `cma`."""
 
@@ -36,9 +39,9 @@ def methods_of(tier: str, methods: Sequence[str]) -> list[str]:
     memory. For thrown bodies (t5) there is only this package's own method.
     """
     without: tuple[str, ...] = () if importlib.util.find_spec("cma") else _SEARCHES
-    if tier == "t4":
+    if tier == _PHOTOS:
         without = ("group_lasso", *_SEARCHES)
-    return [name for name in methods if name not in without and (tier != "t5" or name == "gsbridge")]
+    return [name for name in methods if name not in without and (tier != _THROWN or name == _OURS)]
 
 
 MISMATCH = "results/benchmarks/gap_mismatch.json"
@@ -72,6 +75,11 @@ class BenchmarkPlan:
         """Folders of pictures that lie on the tables of a tier's worlds: `photos` of scenes, or `renders` of their splats."""
         scenes = [name for name in self.settings["contents"][kind] if name in self.plan.scenes]
         return [f"results/scenes/{name}/{_PLACES[kind]}" for name in scenes if tier == "t4"]
+
+    def tiers(self, kind: str) -> list[str]:
+        """Tiers whose cases are about `joint`s, a `thrown` body or `photo`s: a rule diagnoses each kind, with its own code."""
+        kinds = {_PHOTOS: "photo", _THROWN: "thrown"}
+        return [tier for tier in self.settings["benchmark"] if kinds.get(tier, "joint") == kind]
 
     def scored(self, tier: str, scores: str) -> list[str]:
         """Methods in a file of scores: this package's own in `scores`, all in `compared`."""

@@ -34,7 +34,9 @@ _WORKSPACE = (
     "fit_robot_splats",
 )
 _POLICIES = ("train_policy", "try_policy_in_sim")
-_BENCHMARK = ("generate_gap_cases", "diagnose_gap_cases", "score_gap_cases", "score_gap")
+_DRAWN = "generate_gap_cases"
+_JUDGED = ("score_gap_cases", "score_gap")
+_JOINTS = (_DRAWN, "diagnose_joint_cases", *_JUDGED)
 _WORSE_DAYS = ("film_board_of_world", "register_world", "try_policy_in_mirror")
 """Rules of trials in worlds of some severity, in which the work place is registered anew."""
 
@@ -116,10 +118,10 @@ RULES: Mapping[str, tuple[str, ...]] = {
     ),
     "worth": (*_SCENES, *_OBJECTS, *_WORKSPACE, *_POLICIES, *_WORSE_DAYS, "collect_worth", "score_worth"),
     "study": (*_SCENES, *_OBJECTS, *_WORKSPACE, *_POLICIES, "collect_study", "score_study"),
-    "gap": (*_BENCHMARK, "diagnose_mismatched_laws"),
-    "gap_rivals": _BENCHMARK,
-    "gap_bodies": _BENCHMARK,
-    "gap_pictures": (*_SCENES, *_BENCHMARK),
+    "gap": (*_JOINTS, "diagnose_mismatched_laws"),
+    "gap_rivals": _JOINTS,
+    "gap_bodies": (_DRAWN, "diagnose_thrown_cases", *_JUDGED),
+    "gap_pictures": (*_SCENES, _DRAWN, "diagnose_photo_cases", *_JUDGED),
     "gap_real": ("diagnose_real_logs", "diagnose_real_arm", "score_gap"),
     "loops": (
         *_SCENES,

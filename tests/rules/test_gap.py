@@ -156,7 +156,7 @@ def test_a_refused_log_leaves_earlier_results_as_they_were(snakemake, tmp_path):
 def test_the_toys_benchmark_is_small_and_the_truth_is_apart(snakemake, tmp_path):
     target = "results/gap-benchmark/report.html"
     plan = snakemake("--dry-run", "--directory", str(tmp_path), "--config", "preset=toy", "--", target).stdout
-    benchmark = {"generate_gap_cases", "diagnose_gap_cases", "score_gap_cases", "report_gap_benchmark"}
+    benchmark = {"generate_gap_cases", "diagnose_joint_cases", "score_gap_cases", "report_gap_benchmark"}
     # The page shows floors, which lie in the project.
     assert planned(plan) == benchmark | {"copy_project_file"}
     assert "chunk 0 of 1" in plan

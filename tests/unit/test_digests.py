@@ -187,12 +187,12 @@ def test_every_module_of_the_library_is_read(edges):
     """What no script reaches is a command's, or belongs to a package of programs."""
     reached = set().union(*(reached_by(edges, f"scripts.{name}") for name in SCRIPTS))
     assert len(reached) > 0.8 * len(MODULES)
-    assert set(SCRIPTS) >= {"train_policy", "diagnose_gap_cases"}
+    assert set(SCRIPTS) >= {"train_policy", "diagnose_joint_cases"}
 
 
 RUN = """
 import json, sys, types
-for name in ("train_policy", "diagnose_gap_cases", "report_gap"):
+for name in ("train_policy", "diagnose_joint_cases", "report_gap"):
     code = compile(open(f"scripts/{name}.py").read(), name, "exec")
     try:
         exec(code, {"__name__": "__main__"})
@@ -221,9 +221,9 @@ EFFECTS = [
     for effect in effects.values()
 ]
 USERS_OF_EFFECTS = {
-    "joints": ["identify_gap", "diagnose_gap_cases", "amend_simulation", "train_policy"],
-    "bodies": ["identify_gap", "diagnose_gap_cases", "amend_object", "train_policy"],
-    "images": ["identify_gap", "diagnose_gap_cases", "diagnose_photos", "amend_camera", "train_policy"],
+    "joints": ["identify_gap", "diagnose_joint_cases", "amend_simulation", "train_policy"],
+    "bodies": ["identify_gap", "diagnose_thrown_cases", "amend_object", "train_policy"],
+    "images": ["identify_gap", "diagnose_photo_cases", "diagnose_photos", "amend_camera", "train_policy"],
 }
 
 
@@ -232,6 +232,20 @@ def test_editing_an_effect_reruns_its_users(module, place):
     assert module not in digests.WITHOUT_EFFECT
     for script in USERS_OF_EFFECTS[place]:
         assert module in digests.import_closure([f"scripts.{script}"]), script
+
+
+def test_a_kind_of_the_gap_s_cases_is_diagnosed_by_its_own_code():
+    """An edit of one backend reruns its own cases alone: those about joints take hours."""
+    backends = {"joint": "joints", "thrown": "contact", "photo": "image"}
+    found = {kind: digests.import_closure([f"scripts.diagnose_{kind}_cases"]) for kind in backends}
+    for kind, own in backends.items():
+        assert f"gsbridge.gap.{own}.diagnose" in found[kind]
+        for other in set(backends.values()) - {own}:
+            assert f"gsbridge.gap.{other}.diagnose" not in found[kind], (kind, other)
+    # Neither drawing nor judging needs a diagnosis.
+    for script in ("generate_gap_cases", "score_gap_cases"):
+        closure = digests.import_closure([f"scripts.{script}"])
+        assert not [own for own in backends.values() if f"gsbridge.gap.{own}.diagnose" in closure], script
 
 
 def test_nothing_is_read_or_imported_by_a_way_that_imports_do_not_show():

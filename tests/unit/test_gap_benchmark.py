@@ -18,11 +18,14 @@ from gsbridge.gap.benchmark.drawing import _drawn, generate_cases
 from gsbridge.gap.benchmark.generate import BenchmarkMechanism, NotShownError, draw_case, size_of_units
 from gsbridge.gap.benchmark.images import draw_image_case
 from gsbridge.gap.benchmark.images import image_site as photo_site
+from gsbridge.gap.benchmark.joint_diagnosis import diagnose_joint_case
 from gsbridge.gap.benchmark.mechanisms import MechanismSite, axis_plant
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
 from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
 from gsbridge.gap.benchmark.photo_cases import photo_closure, read_photos, write_photos
+from gsbridge.gap.benchmark.photo_diagnosis import diagnose_photo_case
 from gsbridge.gap.benchmark.score import rate, score, score_findings
+from gsbridge.gap.benchmark.throw_diagnosis import diagnose_thrown_case
 from gsbridge.gap.benchmark.twins import twins_of
 from gsbridge.gap.benchmark.verdicts import JudgedCase
 from gsbridge.gap.diagnosis.results import says_likely
@@ -193,9 +196,9 @@ def test_chunk_is_diagnosed_once_and_scored(drawn, tmp_path):
         content["effects"] = sorted({*hidden, "coulomb", "viscous", "encoder_offset"})
         path.write_text(yaml.safe_dump(content), encoding="utf-8")
     keys = case_keys(drawn / "cases")
-    diagnose_cases(drawn / "cases", keys, tmp_path / "found", drawn / "bank")
+    diagnose_cases(drawn / "cases", keys, tmp_path / "found", drawn / "bank", diagnose_joint_case)
     before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "found").iterdir()}
-    diagnose_cases(drawn / "cases", keys, tmp_path / "found", drawn / "bank")
+    diagnose_cases(drawn / "cases", keys, tmp_path / "found", drawn / "bank", diagnose_joint_case)
     assert before == {path.name: path.stat().st_mtime_ns for path in (tmp_path / "found").iterdir()}
     figures = score_findings(drawn / "cases", drawn / "truths", {METHODS[0]: [tmp_path / "found"]})["methods"][METHODS[0]]
     assert figures["false_alarm"]["value"] == 0.0
@@ -339,9 +342,14 @@ def test_photos_are_cases_like_others(photos, tmp_path):
         np.testing.assert_allclose(photo * 255, np.round(photo * 255), atol=1e-4)
     (free,) = (key for key, kind in kinds.items() if kind == "free")
     for method in ("gsbridge", "cosine", "sparse"):
-        diagnose_cases(photos / "cases", [free], tmp_path / method, tmp_path / "bank", method=method)
+        diagnose_cases(photos / "cases", [free], tmp_path / method, tmp_path / "bank", diagnose_photo_case, method=method)
     found = read_json(tmp_path / "gsbridge" / f"{free}.json")
     assert found["verdict"] == "no_discrepancy"
+
+
+def test_a_baseline_does_not_name_what_a_thrown_body_lacks(tmp_path):
+    with pytest.raises(InputError, match="'cosine' cannot name"):
+        diagnose_thrown_case(tmp_path, tmp_path, "cosine", 0)
 
 
 def test_closure_of_photos_is_whole_with_the_truth_and_nothing_without(tmp_path):

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from gsbridge.experiment.gap_benchmark import AREAS
 from gsbridge.files import read_json, write_json
-from gsbridge.gap.benchmark import campaign, chunks, score
+from gsbridge.gap.benchmark import chunks, score
 from gsbridge.gap.benchmark.baselines import METHODS
 from gsbridge.report.gap.benchmark_figures import confusion_cells, draw_calibration, draw_confusion, effect_title
 from gsbridge.report.gap.benchmark_page import headline, write_gap_benchmark
@@ -209,41 +209,38 @@ def test_the_headline_leaves_out_what_was_not_tried():
     assert len(headline(scores)) == 1
 
 
-@pytest.fixture
-def drawn(tmp_path, monkeypatch):
-    """Four cases, and a campaign that notes what it is asked for and dies at the third."""
-    cases = tmp_path / "cases"
+def test_a_killed_chunk_goes_on_where_it_was_and_leaves_no_half(tmp_path):
+    """Four cases, and a diagnosis that notes what it is asked for and dies at the third."""
+    cases, out, asked, fails = tmp_path / "cases", tmp_path / "out", list[str](), True
     cases.mkdir()
-    (cases / "manifest.json").write_text('{"cases": [1]}')
-    asked, lives = [], {"fails": True}
 
-    def diagnose_cases(cases, keys, findings, bank, *, method, seed):
-        for key in keys:
-            if (findings / f"{key}.json").exists():
-                continue
-            if lives["fails"] and key == "c2":
-                raise KeyboardInterrupt
-            asked.append(key)
-            (findings / f"{key}.json").write_text(json.dumps({"key": key, "method": method, "seed": seed}))
+    def write_manifest(seed):
+        rows = [{"key": f"c{number}", "courses": 0} for number in (2, 0, 3, 1)]
+        (cases / "manifest.json").write_text(json.dumps({"seed": seed, "cases": rows}))
 
-    monkeypatch.setattr(campaign, "case_keys", lambda cases, chunk, chunks: ("c0", "c1", "c2", "c3"), raising=False)
-    monkeypatch.setattr(campaign, "diagnose_cases", diagnose_cases, raising=False)
-    return cases, asked, lives
+    def diagnose(folder, bank, method, seed):
+        if fails and folder.name == "c2":
+            raise KeyboardInterrupt
+        asked.append(folder.name)
+        return {"folder": str(folder), "bank": str(bank), "method": method, "seed": seed}
 
+    def run():
+        chunks.diagnose_chunk(cases, 0, 1, diagnose, "cosine", tmp_path / "bank", tmp_path / "state", out, 3)
 
-def test_a_killed_chunk_goes_on_where_it_was_and_leaves_no_half(drawn, tmp_path):
-    cases, asked, lives = drawn
-    arguments = (cases, 0, 1, "cosine", tmp_path / "bank", tmp_path / "state", tmp_path / "out", 3)
+    write_manifest(1)
     with pytest.raises(KeyboardInterrupt):
-        chunks.diagnose_chunk(*arguments)
-    assert not (tmp_path / "out").exists()
-    lives["fails"] = False
-    chunks.diagnose_chunk(*arguments)
+        run()
+    assert not out.exists()
+    fails = False
+    run()
     assert asked == ["c0", "c1", "c2", "c3"]
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["c0.json", "c1.json", "c2.json", "c3.json"]
+    assert {path.name: json.loads(path.read_text()) for path in out.iterdir()} == {
+        f"{key}.json": {"folder": str(cases / key), "bank": str(tmp_path / "bank"), "method": "cosine", "seed": 3}
+        for key in asked
+    }
     # Different cases with the same names are diagnosed again.
-    (cases / "manifest.json").write_text('{"cases": [2]}')
-    chunks.diagnose_chunk(*arguments)
+    write_manifest(2)
+    run()
     assert len(asked) == 8
 
 
@@ -251,7 +248,7 @@ def test_folders_of_findings_are_handed_to_their_methods(tmp_path, monkeypatch):
     seen = {}
     monkeypatch.setattr(score, "score_findings", lambda cases, truths, findings: seen.update(findings) or {}, raising=False)
     folders = [tmp_path / name for name in ("a-0", "a-1", "b-0", "b-1")]
-    chunks.score_tier(tmp_path, tmp_path, folders, ["a", "b"], 2, tmp_path / "scores.json")
+    score.score_tier(tmp_path, tmp_path, folders, ["a", "b"], 2, tmp_path / "scores.json")
     assert {name: [folder.name for folder in found] for name, found in seen.items()} == {
         "a": ["a-0", "a-1"],
         "b": ["b-0", "b-1"],

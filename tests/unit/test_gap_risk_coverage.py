@@ -13,6 +13,7 @@ from gsbridge.gap.benchmark.baselines import SEARCHES, ahead, sureness
 from gsbridge.gap.benchmark.campaign import case_keys, diagnose_cases
 from gsbridge.gap.benchmark.drawing import generate_cases
 from gsbridge.gap.benchmark.group_lasso import _lengths, _path, group_lasso
+from gsbridge.gap.benchmark.joint_diagnosis import diagnose_joint_case
 from gsbridge.gap.benchmark.verdicts import JudgedCase, read_verdicts
 from gsbridge.report.scores.risk_coverage import (
     answered,
@@ -189,7 +190,7 @@ def test_fair_baselines_name_what_is_plain_and_say_how_sure_they_are(plain_cases
     if method in SEARCHES and importlib.util.find_spec("cma") is None:
         pytest.skip("the package cma is not installed")
     cases, truths = plain_cases / "cases", plain_cases / "truths"
-    diagnose_cases(cases, case_keys(cases), tmp_path / "found", plain_cases / "bank", method=method)
+    diagnose_cases(cases, case_keys(cases), tmp_path / "found", plain_cases / "bank", diagnose_joint_case, method=method)
     judged = read_verdicts(cases, truths, [tmp_path / "found"])
     large = [case for case in judged if case.kind == "single" and case.units >= 5.0]
     assert sum(case.guessed_right for case in large) >= 0.5 * len(large) > 0

@@ -15,6 +15,7 @@ from scipy.stats import chi2 as chi2_law
 
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
+from gsbridge.gap.benchmark.campaign import OURS
 from gsbridge.gap.benchmark.cma_search import BUDGET, search
 from gsbridge.gap.benchmark.group_lasso import group_lasso
 from gsbridge.gap.diagnosis.results import Candidate, Rules
@@ -28,7 +29,7 @@ from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
-METHODS = ("gsbridge", "largest_change", "training_bic", "cosine", "sparse", "group_lasso", "cma_es", "cma_es_tenfold")
+METHODS = (OURS, "largest_change", "training_bic", "cosine", "sparse", "group_lasso", "cma_es", "cma_es_tenfold")
 """Names of the methods: first this package's own, then the baselines.
 
 `largest_change` fits all parameters at once and names the largest change; `training_bic` takes the best BIC on the fitted

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.files import read_json
+from gsbridge.files import read_json, write_json
 from gsbridge.gap.benchmark.verdicts import OUTCOMES, JudgedCase, read_verdicts
 from gsbridge.statistics import wilson_interval
 
@@ -187,3 +187,24 @@ def _row(case: JudgedCase) -> dict[str, Any]:
         "guessed_right": case.guessed_right,
         "likely": case.likely,
     }
+
+
+def score_tier(
+    cases: str | Path, truths: str | Path, findings: Sequence[str | Path], methods: Sequence[str], chunks: int, out: str | Path
+) -> None:
+    """Score the findings of all methods in one tier.
+
+    Args:
+        cases: Folder of the cases.
+        truths: Folder of the truths.
+        findings: Folders of findings: all chunks of the first method, then those of the second, and so on.
+        methods: Names of the methods.
+        chunks: Number of folders per method.
+        out: File to write: `scores.json`.
+
+    Raises:
+        InputError: A truth was changed after the diagnosis, or a finding is missing.
+    """
+    folders = [Path(folder) for folder in findings]
+    by_method = {method: folders[k * chunks : (k + 1) * chunks] for k, method in enumerate(methods)}
+    write_json(out, score_findings(Path(cases), Path(truths), by_method))

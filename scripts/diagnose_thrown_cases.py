@@ -1,8 +1,9 @@
-"""Diagnose a chunk of the cases of one tier of the blind benchmark."""
+"""Diagnose a chunk of the blind benchmark's cases of thrown bodies."""
 
 from typing import TYPE_CHECKING
 
 from gsbridge.gap.benchmark.chunks import diagnose_chunk
+from gsbridge.gap.benchmark.throw_diagnosis import diagnose_thrown_case
 from gsbridge.logs import start
 
 if TYPE_CHECKING:
@@ -13,6 +14,7 @@ diagnose_chunk(
     snakemake.input.cases,
     int(snakemake.wildcards.chunk),
     snakemake.params.chunks,
+    diagnose_thrown_case,
     snakemake.wildcards.method,
     snakemake.params.bank,
     snakemake.params.state,
