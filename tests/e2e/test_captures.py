@@ -12,7 +12,7 @@ from tests.e2e.conftest import call_snakemake
 
 KEYFRAMES = 30
 STEPS = 450
-"""Steps of a training of splats, half of the toy's: real photos have no floor, and show whether the chain holds."""
+"""Steps of a training of splats, fewer than the toy's: real photos have no floor, and show whether the chain holds."""
 
 pytestmark = [pytest.mark.capture, pytest.mark.slow]
 
