@@ -74,10 +74,10 @@ class BenchmarkPlan:
     def contents(self, tier: str, kind: str) -> list[str]:
         """Folders of pictures that lie on the tables of a tier's worlds: `photos` of scenes, or `renders` of their splats."""
         scenes = [name for name in self.settings["contents"][kind] if name in self.plan.scenes]
-        return [f"results/scenes/{name}/{_PLACES[kind]}" for name in scenes if tier == "t4"]
+        return [f"results/scenes/{name}/{_PLACES[kind]}" for name in scenes if tier == _PHOTOS]
 
     def tiers(self, kind: str) -> list[str]:
-        """Tiers whose cases are about `joint`s, a `thrown` body or `photo`s: a rule diagnoses each kind, with its own code."""
+        """Tiers whose cases are of one kind: `joint`, `thrown` or `photo`. Each kind is diagnosed by a rule of its own."""
         kinds = {_PHOTOS: "photo", _THROWN: "thrown"}
         return [tier for tier in self.settings["benchmark"] if kinds.get(tier, "joint") == kind]
 

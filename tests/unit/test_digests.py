@@ -235,7 +235,7 @@ def test_editing_an_effect_reruns_its_users(module, place):
 
 
 def test_a_kind_of_the_gap_s_cases_is_diagnosed_by_its_own_code():
-    """An edit of one backend reruns its own cases alone: those about joints take hours."""
+    """An edit of one backend reruns its own cases alone, and leaves the recorded figures about the others fresh."""
     backends = {"joint": "joints", "thrown": "contact", "photo": "image"}
     found = {kind: digests.import_closure([f"scripts.diagnose_{kind}_cases"]) for kind in backends}
     for kind, own in backends.items():
