@@ -40,6 +40,9 @@ detection."""
 
 _GOOD_CALIBRATION_VIEWS = 20
 
+_FAR_M = 0.15
+"""Distance of a wrist camera from the flange beyond which the arm's poses are doubted, m: tools are about as long."""
+
 _SCALE_OFF = 0.005
 """Accepted relative error of the board's size, on top of three standard errors. Lengths in films of the print have the same
 error."""
@@ -91,7 +94,8 @@ def register(
         return
     if capture is None:
         raise InputError("config: workspace.source", "it names no board capture", "Give a folder, or typed poses")
-    seen = _see(read_board_capture(capture), board, settings)
+    photos = read_board_capture(capture)
+    seen = _see(photos, board, settings)
     _require(len(seen.names), len(seen.left_out), settings, "show the board")
     _require_turns(seen.base_from_flange, settings)
     views = RegistrationViews.of(seen.camera, seen.base_from_flange, seen.sightings)
@@ -107,6 +111,13 @@ def register(
     residual_mm = 1e3 * float(np.sqrt((without.residuals_m**2).mean()))
     errors = _standard_errors(fit.covariance, without)
     reasons = _doubts(seen, left_out, fit.rms_px, residual_mm, errors, settings)
+    away = np.asarray(fit.found.flange_from_camera)[:3, 3]
+    if photos.base_from_flange is not None and np.linalg.norm(away) > _FAR_M:
+        x, y, z = 1e3 * away
+        reasons.append(
+            f"the camera sits at ({x:.0f}, {y:.0f}, {z:.0f}) mm of the flange; if these are poses of a tool, which no"
+            f" disagreement can tell, set the controller's tool to zero or correct {photos.arm_file}"
+        )
     if free and abs(fit.found.scale - 1.0) > _SCALE_OFF + 3.0 * errors["scale"]:
         reasons.append(
             f"the board measures {fit.found.scale:.3f} of its nominal size, so that lengths in films of this print are"

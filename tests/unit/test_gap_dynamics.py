@@ -9,6 +9,7 @@ import pytest
 import scipy.linalg
 from bullet_replay import run_in_bullet
 
+from gsbridge.effects.joints.base_tilt import BaseTilt
 from gsbridge.gap.benchmark.mechanisms import axis_plant, controller
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.formats.records import Record
@@ -118,3 +119,29 @@ def test_joints_of_a_longer_chain_that_are_held_merge(tmp_path):
     held = Mechanism(arm(joints=["lbr_iiwa_joint_1", "lbr_iiwa_joint_2"], controller=controller(600, 40), viscous=1.0))
     masses = held.chain.bodies(held.skeleton.inertials)[:, 0]
     assert masses.sum() == pytest.approx(whole.chain.bodies(whole.skeleton.inertials)[:, 0].sum())
+
+
+@pytest.mark.parametrize("down", [[0, 0, -1], [1, 0, 0], [0, -1, 0], [0, 0, 1], [0.6, 0.0, -0.8]])
+def test_a_base_tilts_about_two_axes_across_gravity(down):
+    """On a wall, too, where one of x and y is gravity's own axis: each parameter turns gravity by its full angle."""
+    strength, angle = 9.81 * np.array(down, float), 0.05
+    turned = []
+    for name in ("about_x", "about_y"):
+        setup = Mechanism(arm(gravity=strength.tolist())).setup()
+        np.testing.assert_allclose(setup.gravity, strength)
+        BaseTilt().apply(setup, -1, {"about_x": 0.0, "about_y": 0.0, name: angle})
+        assert np.linalg.norm(setup.gravity) == pytest.approx(9.81)
+        assert np.arccos(setup.gravity @ strength / 9.81**2) == pytest.approx(angle, abs=1e-6)
+        turned.append(np.cross(strength, setup.gravity))
+    assert turned[0] @ turned[1] == pytest.approx(0.0, abs=1e-9)
+    if down == [0, 0, -1]:
+        # The base turns about its own x: gravity turns the other way.
+        np.testing.assert_allclose(setup_gravity(0.0, angle), [9.81 * np.sin(angle), 0, -9.81 * np.cos(angle)], atol=1e-12)
+        np.testing.assert_allclose(setup_gravity(angle, 0.0), [0, -9.81 * np.sin(angle), -9.81 * np.cos(angle)], atol=1e-12)
+
+
+def setup_gravity(about_x, about_y):
+    """Gravity in the base of an arm that stands on a tilted floor."""
+    setup = Mechanism(arm()).setup()
+    BaseTilt().apply(setup, -1, {"about_x": about_x, "about_y": about_y})
+    return setup.gravity

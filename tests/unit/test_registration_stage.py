@@ -246,6 +246,28 @@ def test_a_folder_without_poses_is_refused(tmp_path):
         read_board_capture(tmp_path)
 
 
+def test_poses_of_a_tool_are_doubted_where_the_camera_is_far(run):
+    """What lies between flange and tool goes into the mount without a residual."""
+    capture, tool = sight(0), np.eye(4)
+    tool[:3, 3], tool[:3, :3] = [0.0, 0.0, 0.20], Rotation.from_euler("z", 45, degrees=True).as_matrix()
+    capture.base_from_flange[:] = capture.base_from_flange @ tool
+    record, _ = run(capture)
+    assert record["residuals_mm"]["rms"] < 0.7
+    assert record["status"] == "degraded"
+    assert "set the controller's tool to zero" in record["reasons"][0]
+
+
+@pytest.mark.parametrize("key", ["coeffs", "dist_coeffs", "distorsion", "k1", "P2"])
+def test_a_distortion_under_another_key_is_refused(tmp_path, key):
+    folder = joint_capture(tmp_path / "capture")
+    content = {"width": 640, "height": 480, "fx": 600.0, "fy": 600.0, "cx": 320.0, "cy": 240.0, "model": "brown"}
+    (folder / "camera.json").write_text(json.dumps(content))
+    assert read_board_capture(folder).camera.distortion == (0.0, 0.0, 0.0, 0.0)
+    (folder / "camera.json").write_text(json.dumps({"camera": content | {key: [0.1, -0.2, 0.0, 0.0]}}))
+    with pytest.raises(InputError, match=f"'{key}' looks like the lens's distortion"):
+        read_board_capture(folder)
+
+
 def test_a_damaged_camera_is_refused(tmp_path):
     folder = joint_capture(tmp_path / "capture")
     (folder / "camera.json").write_text('{"width": 640}')
