@@ -244,7 +244,11 @@ def _run_policy(options: argparse.Namespace) -> int:
     )  # fmt: skip
     # A signal that ends the program must stop the arm, too. SIGINT is handled explicitly because a shell makes programs that it
     # starts in the background ignore it.
-    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    # The terminal was closed, or the connection to it was lost. A user who asks for that to be ignored (nohup) means it.
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:
         done = deploy(wanted, input)
     finally:

@@ -124,7 +124,7 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
     registration = read_registration(wanted.registration)
     for reason in registration.reasons:
         logger.warning("the registration is degraded: %s", reason)
-    plan = _plan(wanted, interface)
+    plan = _plan(wanted, interface, trained.spec["sha256"])
     driver = _driver(wanted, interface, registration)
     try:
         operator: Operator
@@ -142,9 +142,12 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
             close()
 
 
-def _plan(wanted: Deployment, interface: PolicyInterface) -> Plan:
-    """Collect start poses, files and switches, and check that logs can be written."""
-    file = None if wanted.trials is None else TrialFile(wanted.trials)
+def _plan(wanted: Deployment, interface: PolicyInterface, policy: str) -> Plan:
+    """Collect start poses, files and switches, and check that logs can be written; `policy` is the digest of its weights."""
+    if wanted.trials is not None and wanted.steps is not None and wanted.steps < interface.settings.time_out:
+        problem = f"with {wanted.steps} of {interface.settings.time_out} steps, an episode is no trial"
+        raise InputError("--steps", problem, "Leave out --steps or --trials")
+    file = None if wanted.trials is None else TrialFile(wanted.trials, policy)
     # An arm must not move for results that cannot be written.
     for name, folder in (("--out", wanted.out), ("--trials", None if file is None else file.path.parent)):
         if folder is not None:

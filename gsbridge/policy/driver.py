@@ -19,11 +19,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from gsbridge.cameras import Camera, camera_problem
+from gsbridge.cameras import Camera, given_camera
 from gsbridge.errors import GsbridgeError, InputError
 from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.robot.kinematics import Kinematics
+from gsbridge.tasks.world import CONTROL_HZ
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,34 @@ class RobotDriver(Protocol):
         """Hold the arm where it is, now. Called at the end of every episode, after errors and on Ctrl-C, even twice."""
 
 
+_HOLDS = 3
+"""Number of times that an arm is told to hold, if it is interrupted meanwhile."""
+
+
+def hold(driver: RobotDriver) -> None:
+    """Stop an arm, and do not let Ctrl-C or an error keep it from that: a frightened person presses more than once.
+
+    Args:
+        driver: The arm; its `stop` is called again if it was interrupted, a few times at most.
+
+    Raises:
+        KeyboardInterrupt: The user pressed Ctrl-C meanwhile; the arm is stopped all the same.
+        Exception: The driver's own, of the last attempt.
+    """
+    interrupted: KeyboardInterrupt | None = None
+    for left in reversed(range(_HOLDS)):
+        try:
+            driver.stop()
+            break
+        except KeyboardInterrupt as error:
+            interrupted = error
+        except Exception:
+            if not left:
+                raise
+    if interrupted is not None:
+        raise interrupted
+
+
 class JointArm:
     """Kinematics for drivers of arms that measure and take joint angles.
 
@@ -99,10 +128,23 @@ class JointArm:
 
         Args:
             base_from_tool: Wanted pose of the tool, m. [4, 4].
-            now: Joint angles of the last command, rad. [7].
+            now: Joint angles to start the search from, such as those of the last command, rad. [7].
         """
         found = self.kinematics.inverse(base_from_tool, now)
         return found.q if found.converged else None
+
+    def next_joints(self, base_from_tool: Array, now: Array) -> Array | None:
+        """Find the joint angles to command for the next control period; None if the tool cannot go to the pose.
+
+        They lie on the way to the pose, as far as the arm's joint speeds allow: all joints slow down by the same factor. If
+        each joint were limited on its own, as many arms do, the tool would leave its path, and could go into the table.
+
+        Args:
+            base_from_tool: Wanted pose of the tool, m. [4, 4].
+            now: Joint angles of the last command, rad. [7].
+        """
+        wanted = self.joints_for(base_from_tool, now)
+        return None if wanted is None else self.kinematics.arm_limits.follow(now, wanted, 1.0 / CONTROL_HZ)
 
 
 def tool_pose(kinematics: Kinematics, joints: Array) -> Array:
@@ -160,11 +202,24 @@ def load_driver(name: str, options: Mapping[str, Any]) -> RobotDriver:
         missing.insert(0, "camera")
     if missing:
         raise InputError("driver", f"'{name}' lacks {', '.join(missing)}", "See RobotDriver in docs/deployment.md")
-    camera = driver.camera
-    problem = "it is no Camera" if camera is not None and not isinstance(camera, Camera) else camera and camera_problem(camera)
-    if problem:
-        raise InputError("driver: camera", f"there is no such camera: {problem}", "Give gsbridge.cameras.Camera, or None")
+    if driver.camera is not None:
+        _check_camera(driver.camera)
     return driver
+
+
+def _check_camera(camera: object) -> None:
+    """Refuse a driver's camera that cannot exist.
+
+    Raises:
+        InputError: It is no `Camera`, or one of its numbers makes no sense.
+    """
+    remedy = "Give gsbridge.cameras.Camera, or None"
+    if not isinstance(camera, Camera):
+        raise InputError("driver: camera", "there is no such camera: it is no Camera", remedy)
+    if np.shape(camera.distortion) != (4,):
+        problem = f"its distortion {camera.distortion!r} is not four numbers"[:200]
+        raise InputError("driver: camera", problem, "Give (k1, k2, p1, p2) of OpenCV; calibrate with k3 fixed at 0")
+    given_camera(vars(camera), "driver: camera", remedy)
 
 
 @contextlib.contextmanager

@@ -46,6 +46,7 @@ class PolicyInterface:
         control_hz: Actions per second.
         flange_from_camera: Mount of the camera in the training, OpenCV axes, [4, 4]; None if there was no arm.
         table_from_tool_at_rest: Pose of the tool when an episode begins, [4, 4]; None if there was no arm.
+        base_from_table: Pose of the table in the training, [4, 4]; None if there was no arm.
     """
 
     camera: Camera
@@ -55,6 +56,7 @@ class PolicyInterface:
     control_hz: float
     flange_from_camera: Array | None = None
     table_from_tool_at_rest: Array | None = None
+    base_from_table: Array | None = None
 
     @classmethod
     def of(cls, spec: Mapping[str, Any]) -> PolicyInterface:
@@ -83,7 +85,7 @@ class PolicyInterface:
         if not 0.0 < stroke <= LARGEST:
             raise InputError("stroke_m", f"{stroke} m is no opening of a hand", "Give metres")
         settings = _settings(spec["environment"])
-        poses = ("flange_from_camera", "table_from_tool_at_rest")
+        poses = ("flange_from_camera", "table_from_tool_at_rest", "base_from_table")
         out = cls(
             wrist_camera(settings.image_size, width),
             Workspace((low[0], low[1], low[2]), (high[0], high[1], high[2]), (yaw[0], yaw[1])),
@@ -118,6 +120,24 @@ class PolicyInterface:
                 "Put it back and register again, or train with the new registration",
             )
         return shift, turn
+
+    def check_table(self, registration: Registration) -> None:
+        """Check that the table stands where episodes can begin as in the training: the rest posture is fixed in the joints.
+
+        Raises:
+            InputError: The table has been moved by more than a start may differ.
+        """
+        if self.base_from_table is None or self.table_from_tool_at_rest is None:
+            return
+        now = np.linalg.inv(registration.base_from_table) @ self.base_from_table @ self.table_from_tool_at_rest
+        shift, turn = pose_error(now, self.table_from_tool_at_rest)
+        if shift > START_M or turn > START_RAD:
+            raise InputError(
+                "registration: base_from_table",
+                f"by the registration, the rest posture is {1000 * shift:.0f} mm and {np.degrees(turn):.0f} degrees from where"
+                " it was over the table in the training: table or board have been moved that far",
+                "Put them back and register again, or train with the new registration",
+            )
 
     def check_start(self, table_from_tool: Array) -> None:
         """Check that an episode begins where those of the training did.

@@ -11,6 +11,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,8 +29,11 @@ _ANOTHER = "Name another file for the trials"
 
 COLUMNS = (
     *("pose_set", "index", "quadrant", "x", "y", "yaw"),
-    *("success", "success_tolerant", "failure", "steps", "clipped", "refused"),
+    *("success", "success_tolerant", "failure", "steps", "clipped", "refused", "policy"),
 )
+
+_DIGITS = 12
+"""Digits of a policy's digest by which its rows are known."""
 
 FAILURES = tuple(failure.value for failure in Failure if failure not in (Failure.NONE, Failure.NOT_FINITE))
 
@@ -163,13 +167,14 @@ class TrialFile:
 
     Args:
         path: The file; it need not exist.
+        policy: Digest of the policy's weights.
 
     Raises:
-        InputError: The file is no table of trials.
+        InputError: The file is no table of trials, or has trials of another policy.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.path, self.rows = Path(path), []
+    def __init__(self, path: str | Path, policy: str) -> None:
+        self.path, self.rows, self.policy = Path(path), list[dict[str, Any]](), policy[:_DIGITS]
         with refusing(str(path)[:200], "the table of trials cannot be read", _ANOTHER):
             try:
                 self.path.stat()
@@ -185,6 +190,12 @@ class TrialFile:
             named = row["pose_set"] in POSE_SETS and (row["index"] or "").isdecimal() and None not in row.values()
             if None in row or not named:
                 raise InputError(self.path, f"its row {number} is no trial", f"Correct the row, or n{_ANOTHER[1:]}")
+            if row["policy"] != self.policy:
+                raise InputError(
+                    self.path,
+                    f"its row {number} is a trial of the policy '{row['policy']}', this one is '{self.policy}'",
+                    _ANOTHER,
+                )
 
     def holds(self, pose: StartPose) -> bool:
         """Whether the file has a trial from the pose."""
@@ -209,6 +220,7 @@ class TrialFile:
             "steps": log.steps,
             "clipped": log.clipped,
             "refused": log.refused,
+            "policy": self.policy,
         }
         self.rows = [*(old for old in self.rows if not self._same(old, pose)), row]
         self.rows.sort(key=lambda item: (POSE_SETS.index(item["pose_set"]), int(item["index"])))

@@ -15,7 +15,7 @@ import numpy as np
 from gsbridge.environment.proprioception import PROPRIO, Reached, begin, next_command, proprioception
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
-from gsbridge.policy.driver import Clock, RobotDriver, WallClock
+from gsbridge.policy.driver import Clock, RobotDriver, WallClock, hold
 from gsbridge.policy.episode_log import EpisodeLog
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.rectify import Rectifier
@@ -61,6 +61,7 @@ class Setup:
                 "neither the driver nor the registration knows the camera's intrinsics",
                 "Give them as the driver's `camera`",
             )
+        self.interface.check_table(self.registration)
         changed = self.interface.check_mount(self.registration)
         if changed is not None:
             logger.info("camera mount: %.1f mm, %.2f degrees from the training's", 1000 * changed[0], np.degrees(changed[1]))
@@ -115,7 +116,7 @@ def run_policy(
         raise
     finally:
         log.clipped, log.saturated = loop.target.counted.clipped, loop.target.saturated
-        driver.stop()
+        hold(driver)
     return log
 
 
@@ -125,7 +126,7 @@ class _Loop:
     def __init__(self, policy: Policy, setup: Setup, log: EpisodeLog) -> None:
         self.policy, self.setup, self.log = policy, setup, log
         self.target = setup.interface.target()
-        self.guard = Guard(setup.limits, setup.interface.workspace, self.target.scale)
+        self.guard = Guard(setup.limits, setup.interface.workspace, self.target.scale, setup.interface.stroke)
         self._table_from_base = np.linalg.inv(setup.base_from_table)
         self._before: Reached | None = None
 
@@ -142,7 +143,11 @@ class _Loop:
         """Begin an episode: the arm's present pose is the first command."""
         end, pose = self._measure()
         if pose is None:
-            raise InputError("driver: measure", "the arm's pose is not finite or no pose", "Return base_from_tool, 4x4")
+            raise InputError(
+                "driver: measure",
+                f"it gave no finite pose, or an opening that is not within 0 to {self.setup.interface.stroke:g} m",
+                "Return base_from_tool, 4x4, and the distance of the pads in metres",
+            )
         if not self.log.dry_run:
             self.setup.interface.check_start(pose)
         if end is not None:
@@ -163,11 +168,13 @@ class _Loop:
             end, action, command = self._decide()
             if end is not None:
                 return end
-            answer = None if self.log.dry_run else self._send(command)
             moment += period
+            # Nothing is commanded by a measurement that is as old as that.
+            stalled = clock.now() - moment > self.setup.limits.stall
+            answer = None if self.log.dry_run or stalled else self._send(command)
             late = clock.now() - moment
             self.log.add(started, reached, action, command, max(0.0, late), answer is False)
-            if late > self.setup.limits.stall:
+            if stalled or late > self.setup.limits.stall:
                 return End.STALLED
             if late > 0:
                 # The next period begins now, since catching up would send commands in a burst.
@@ -175,6 +182,8 @@ class _Loop:
             else:
                 clock.wait_until(moment)
             end = self.guard.accepted(answer) or self._measure()[0]
+            if end is None and not self.log.dry_run:
+                end = self.guard.follows(*command[:2])
             if end is not None:
                 return end
             if until is not None and until():
@@ -203,6 +212,7 @@ class _Loop:
         return self.guard.command(*command[:2], self.reached), action, command
 
     def _send(self, command: tuple[Array, float, float]) -> bool | None:
-        """Give a command to the arm."""
+        """Give a command to the arm; return what it answers: a driver may well answer with a bool of NumPy's, or 0."""
         position, yaw, aperture = command
-        return self.setup.driver.command(self.setup.base_from_table @ tool_down(position, yaw), aperture)
+        answer = self.setup.driver.command(self.setup.base_from_table @ tool_down(position, yaw), aperture)
+        return None if answer is None else bool(answer)

@@ -25,7 +25,7 @@ class End(StrEnum):
     BAD_ACTION = "bad_action"
     """The policy's action is not finite or has another shape."""
     BAD_READING = "bad_reading"
-    """The arm's measurement is no pose, or not finite."""
+    """The arm's measurement is no pose, not finite, or an opening that the hand cannot have."""
     JUMP = "jump"
     """The tool was measured farther from its last place than an arm can move in a step."""
     TILT = "tilt"
@@ -38,6 +38,8 @@ class End(StrEnum):
     """The arm refused several commands in a row."""
     FROZEN = "frozen"
     """The camera delivers the same picture again and again."""
+    STUCK = "stuck"
+    """The arm is measured at the very same place again and again, while it is commanded elsewhere."""
     STALLED = "stalled"
     """A step took far too long."""
     INTERRUPTED = "interrupted"
@@ -56,7 +58,8 @@ class Limits:
         tilt: Angle of the tool from the vertical, rad.
         margin: Distance of the tool outside the workspace, m; not zero, since an arm overshoots and starts above it.
         refusals: Consecutive commands that the arm refuses.
-        frozen: Consecutive equal pictures; None for simulated worlds, whose pictures have no noise.
+        frozen: Consecutive equal pictures, or equal poses of an arm that is commanded elsewhere; None for simulated worlds,
+            which have no noise.
         stall: Delay of a step, s.
 
     Raises:
@@ -77,6 +80,13 @@ class Limits:
             raise InputError("limits", f"{self} holds a limit that is not positive", "Give metres, radians, seconds and counts")
 
 
+_OPENING_M = 0.02
+"""Error of a measured opening, m, beyond which it must be in another unit or of another hand."""
+
+_ELSEWHERE = 0.5
+"""Share of the tether at which a command counts as elsewhere: an arm that sags or lags is nearer to its command."""
+
+
 class Guard:
     """Checks all measurements, pictures, actions and commands of one episode.
 
@@ -84,13 +94,15 @@ class Guard:
         limits: See `Limits`.
         workspace: Room in which the tool is commanded.
         scale: Motion that an action of 1 commands.
+        stroke: Largest opening of the hand, m.
     """
 
-    def __init__(self, limits: Limits, workspace: Workspace, scale: ActionScale) -> None:
-        self.limits, self.workspace, self.scale = limits, workspace, scale
+    def __init__(self, limits: Limits, workspace: Workspace, scale: ActionScale, stroke: float) -> None:
+        self.limits, self.workspace, self.scale, self.stroke = limits, workspace, scale, stroke
         self._last: Reached | None = None
         self._picture: Array | None = None
-        self._equal = self._refused = 0
+        self._pose: Array | None = None
+        self._equal = self._refused = self._still = self._stuck = 0
 
     def reading(self, reading: Reading, table_from_base: Array) -> tuple[End | None, Array | None]:
         """Check a measurement, also by its distance from the one before.
@@ -102,14 +114,21 @@ class Guard:
         Returns:
             Why the episode must end, or None; and `table_from_tool`, [4, 4], or None if the reading is no pose.
         """
-        pose = np.asarray(reading.base_from_tool, dtype=np.float64)
-        if pose.shape != (4, 4) or not (np.isfinite(pose).all() and np.isfinite(reading.aperture)):
+        try:
+            pose, aperture = np.asarray(reading.base_from_tool, dtype=np.float64), float(reading.aperture)
+        except (AttributeError, TypeError, ValueError):
+            return End.BAD_READING, None
+        if not -_OPENING_M <= aperture <= self.stroke + _OPENING_M:
+            return End.BAD_READING, None
+        self._still = self._still + 1 if self._pose is not None and np.array_equal(self._pose, pose) else 0
+        self._pose = np.array(pose)
+        if pose.shape != (4, 4) or not np.isfinite(pose).all():
             return End.BAD_READING, None
         turn = pose[:3, :3]
         if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turn) < 0 or (pose[3] != [0, 0, 0, 1]).any():
             return End.BAD_READING, None
         table_from_tool = table_from_base @ pose
-        return self._moved(table_from_tool, reading.aperture), table_from_tool
+        return self._moved(table_from_tool, aperture), table_from_tool
 
     def _moved(self, table_from_tool: Array, aperture: float) -> End | None:
         """Check a pose by itself and against the one before. [4, 4]."""
@@ -126,6 +145,26 @@ class Guard:
             if np.linalg.norm(now.position - last.position) > self.limits.jump or turned > self.limits.turn:
                 return End.JUMP
         return None
+
+    def follows(self, position: Array, yaw: float) -> End | None:
+        """Check that the arm moves, if it was commanded far from where it is measured.
+
+        Args:
+            position: The last command, table frame, m. [3].
+            yaw: Commanded yaw, rad.
+
+        Returns:
+            Why the episode must end; None if the arm moves, or need not.
+        """
+        if self.limits.frozen is None or self._last is None:
+            return None
+        # Of the tether and the action that is added to it.
+        reach = _ELSEWHERE * (TETHER + 1.0)
+        far, turn = reach * self.scale.position, reach * self.scale.yaw
+        turned = abs((yaw - self._last.yaw + np.pi) % (2 * np.pi) - np.pi)
+        elsewhere = np.abs(position - self._last.position).max() >= far or turned >= turn
+        self._stuck = self._stuck + 1 if elsewhere and self._still else 0
+        return End.STUCK if self._stuck >= self.limits.frozen else None
 
     def picture(self, image: Array) -> End | None:
         """Check that a raw picture differs from those before. [H, W, 3] uint8."""

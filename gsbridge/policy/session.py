@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.policy.driver import hold
 from gsbridge.policy.episode_log import EpisodeLog, write_episode
 from gsbridge.policy.robot_trials import StartPose, TrialFile, Verdict
 from gsbridge.policy.runner import Policy, Setup, run_policy
@@ -142,7 +143,7 @@ def _place(setup: Setup, operator: Operator, pose: StartPose) -> None:
     try:
         operator.place(pose)
     except BaseException:
-        setup.driver.stop()
+        hold(setup.driver)
         raise
 
 

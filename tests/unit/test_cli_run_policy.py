@@ -63,6 +63,14 @@ ARM = """
         def __init__(self):
             super().__init__(Camera(160, 120, -150.0, 150.0, 80.0, 60.0))
 
+    class FiveNumbers(Blind):
+        def __init__(self):
+            super().__init__(Camera(160, 120, 150.0, 150.0, 80.0, 60.0, (0.1, -0.2, 0.0, 0.0, 0.01)))
+
+    class Words(Blind):
+        def __init__(self):
+            super().__init__(Camera("wide", 120, 150.0, 150.0, 80.0, 60.0))
+
     class Stiff(HandDriver):
         command = None
 """
@@ -182,6 +190,8 @@ def test_a_guard_has_an_exit_code_of_its_own(files, capsys, monkeypatch):
         ([], "my_arm:Offline", "RuntimeError: no arm at this address, in my_arm.py, line"),
         ([], "my_arm:Blind", "it is no Camera"),
         ([], "my_arm:Mirrored", "a focal length fx of -150 px"),
+        ([], "my_arm:FiveNumbers", "is not four numbers. Give (k1, k2, p1, p2)"),
+        ([], "my_arm:Words", "driver: camera: the camera is damaged"),
         ([], "my_arm:Stiff", "lacks command"),
         ([], "broken:Arm", "SyntaxError"),
         ([], "sys:exit", "cannot be made"),
@@ -212,6 +222,7 @@ def test_a_guard_has_an_exit_code_of_its_own(files, capsys, monkeypatch):
         (["--pose-set", "fixed", "--index", "40"], "my_arm:Arm", "0 to 31"),
         (["--trials", "t.csv"], "my_arm:Arm", "--pose-set"),
         (["--trials", "t.csv", "--dry-run", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "dry run"),
+        (["--trials", "t.csv", "--steps", "3", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "an episode is no trial"),
         (["--pictures"], "my_arm:Arm", "--out"),
         (["--steps", "0"], "my_arm:Arm", "steps"),
         (["--runtime", "onnx"], "my_arm:Arm", "policy.onnx"),
@@ -259,7 +270,7 @@ def test_arguments_that_are_missing_and_help(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_stops_the_arm(files, tmp_path, number):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), str(HERE)])}
     arguments = command(files, "--option", "address=a", "--steps", "100000", "--out", "logs")

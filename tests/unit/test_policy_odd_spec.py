@@ -62,9 +62,10 @@ def test_an_odd_interface_is_refused(keys, value):
 )
 def test_an_odd_mount_is_refused(pose):
     eye = [[float(row == column) for column in range(4)] for row in range(4)]
-    assert PolicyInterface.of({**spec(), "robot": {"flange_from_camera": eye, "table_from_tool_at_rest": eye}})
-    for key in ("flange_from_camera", "table_from_tool_at_rest"):
-        robot = {"flange_from_camera": eye, "table_from_tool_at_rest": eye, key: pose}
+    keys = ("flange_from_camera", "table_from_tool_at_rest", "base_from_table")
+    assert PolicyInterface.of({**spec(), "robot": dict.fromkeys(keys, eye)})
+    for key in keys:
+        robot = {**dict.fromkeys(keys, eye), key: pose}
         with pytest.raises(InputError, match=r"policy\.json"):
             PolicyInterface.of({**spec(), "robot": robot})
 

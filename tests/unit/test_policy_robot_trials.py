@@ -18,6 +18,7 @@ from gsbridge.policy.session import Plan, run_session
 from gsbridge.tasks.poses import pose_set
 
 SETTINGS = EnvironmentSettings(image_size=64)
+DIGEST = "0123456789abcdef"
 POSE = StartPose("fixed", 9, 0.0123, -0.3, np.deg2rad(-30.0))
 
 
@@ -85,7 +86,7 @@ def test_a_series_of_trials_is_recorded_as_it_goes(tmp_path):
             raise KeyboardInterrupt
         return ask(question)
 
-    person, file = Person("grasp", give_up, driver.rest), TrialFile(tmp_path / "trials.csv")
+    person, file = Person("grasp", give_up, driver.rest), TrialFile(tmp_path / "trials.csv", DIGEST)
     plan = Plan(start_poses(SETTINGS, "fixed", "4-6"), tmp_path / "logs", file, steps=3, pictures=True)
     with pytest.raises(KeyboardInterrupt):
         run_session(nothing, setup(driver), person, plan, {"driver": "hand"})
@@ -118,29 +119,39 @@ def test_a_series_of_trials_is_recorded_as_it_goes(tmp_path):
 
 
 def test_rows_are_replaced_not_doubled(tmp_path):
-    file = TrialFile(tmp_path / "trials.csv")
+    file = TrialFile(tmp_path / "trials.csv", DIGEST)
     poses = start_poses(SETTINGS, "fixed", "3-5")
     log = EpisodeLog(clipped=2)
     for pose in (poses[1], poses[0]):
         file.add(pose, Verdict(False, False), log)
-    again = TrialFile(tmp_path / "trials.csv")
+    again = TrialFile(tmp_path / "trials.csv", DIGEST)
     assert [pose.index for pose in still_to_try(poses, again, redo=False)] == [5]
     assert len(still_to_try(poses, again, redo=True)) == 3
     again.add(poses[0], Verdict(True, True), log)
-    rows = TrialFile(tmp_path / "trials.csv").rows
+    rows = TrialFile(tmp_path / "trials.csv", DIGEST).rows
     assert [(row["index"], row["success"], row["clipped"]) for row in rows] == [("3", "true", "2"), ("4", "false", "2")]
     with pytest.raises(InputError, match="--redo"):
         still_to_try(poses[:2], again, redo=False)
+
+
+def test_trials_of_another_policy_are_not_continued(tmp_path):
+    file = TrialFile(tmp_path / "trials.csv", DIGEST)
+    file.add(start_poses(SETTINGS, "fixed", "3")[0], Verdict(True, True), EpisodeLog())
+    assert file.rows[0]["policy"] == DIGEST[:12]
+    before = (tmp_path / "trials.csv").read_bytes()
+    with pytest.raises(InputError, match="a trial of the policy '0123456789ab', this one is 'fedc'"):
+        TrialFile(tmp_path / "trials.csv", "fedc")
+    assert (tmp_path / "trials.csv").read_bytes() == before
 
 
 def test_another_table_is_left_alone(tmp_path):
     path = tmp_path / "notes.csv"
     path.write_text("pose,good\n1,yes\n")
     with pytest.raises(InputError, match="columns"):
-        TrialFile(path)
+        TrialFile(path, DIGEST)
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError):
-        TrialFile(path)
+        TrialFile(path, DIGEST)
 
 
 def test_an_error_leaves_the_log_and_no_row(tmp_path):
@@ -149,7 +160,7 @@ def test_an_error_leaves_the_log_and_no_row(tmp_path):
     def fail():
         raise OSError("no picture for 1 s")
 
-    file = TrialFile(tmp_path / "trials.csv")
+    file = TrialFile(tmp_path / "trials.csv", DIGEST)
     plan = Plan([POSE], tmp_path, file, steps=9)
     driver.image = fail
     with pytest.raises(OSError, match="no picture"):

@@ -4,18 +4,20 @@ import numpy as np
 import pytest
 from driver_fixture import POSE, SEED, HandDriver, SlowClock, SteadyHand, base_from_table, interface, registration, setup, spec
 from environment_fixture import hand_environment
+from robot_fixture import robot
 
 from gsbridge.cameras import Camera
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
-from gsbridge.policy.driver import Reading
+from gsbridge.policy.driver import JointArm, Reading, tool_pose
 from gsbridge.policy.episode_log import EpisodeLog
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.runner import Setup, run_policy
 from gsbridge.policy.safety import End, Limits
 from gsbridge.policy.worlds import WorldClock
+from gsbridge.registration.result import Registration
 from gsbridge.robot import nominal
 
 
@@ -127,7 +129,13 @@ def shifted(x=0.0, roll=0.0):
         (End.JUMP, {"measure": shifted(x=0.12)}),
         (End.OUTSIDE, {"measure": shifted(x=0.30)}),
         (End.TILT, {"measure": shifted(roll=0.3)}),
+        (End.BAD_READING, {"measure": lambda r: Reading(r.base_from_tool, 1000 * r.aperture)}),
+        (End.BAD_READING, {"measure": lambda r: Reading(r.base_from_tool, -0.5)}),
+        (End.BAD_READING, {"measure": lambda r: Reading(r.base_from_tool, None)}),
+        (End.BAD_READING, {"measure": lambda r: (r.base_from_tool, r.aperture)}),
         (End.REFUSED, {"command": lambda answer: False}),
+        (End.REFUSED, {"command": lambda answer: np.False_}),
+        (End.REFUSED, {"command": lambda answer: 0}),
     ],
 )
 def test_a_guard_ends_the_episode_and_stops_the_arm(end, changes):
@@ -161,6 +169,84 @@ def test_a_camera_that_hangs_ends_the_episode():
     assert log.steps == 6
 
 
+def towards(observation, info):
+    return np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def test_an_arm_that_does_not_follow_ends_the_episode():
+    """A state that nobody refreshes, or brakes that are on: the command runs ahead, the arm stays to the last bit."""
+    driver = HandDriver()
+    chosen = setup(driver, limits=Limits(frozen=6))
+    driver.rest()
+    reading = driver.measure()
+    driver.measure = lambda: reading
+    log = run_policy(towards, chosen)
+    assert log.end == End.STUCK
+    assert 6 < log.steps < 12
+    assert driver.calls[-1] == "stop"
+    # Where it is not asked to move, or not commanded at all, an arm may well stand still.
+    assert run_policy(nothing, chosen, steps=30).end == End.TIME_OUT
+    assert run_policy(towards, chosen, steps=30, dry_run=True).end == End.TIME_OUT
+    # One that moves, however slowly, is not stuck.
+    count = []
+
+    def crawl():
+        count.append(1)
+        pose = np.array(reading.base_from_tool)
+        pose[0, 3] += 1e-6 * len(count)
+        return Reading(pose, reading.aperture)
+
+    driver.measure = crawl
+    assert run_policy(towards, chosen, steps=30).end == End.TIME_OUT
+
+
+def test_an_opening_in_another_unit_is_told_before_the_episode():
+    driver = HandDriver()
+    right = driver.measure
+    driver.measure = lambda: Reading(right().base_from_tool, 1000 * right().aperture)
+    with pytest.raises(InputError, match=r"an opening that is not within 0 to 0\.14 m"):
+        run_policy(nothing, setup(driver))
+    assert driver.calls == ["rest", "stop"]
+
+
+def test_the_arm_holds_although_ctrl_c_is_pressed_again():
+    driver, log = HandDriver(), EpisodeLog()
+    stop, pressed = driver.stop, []
+
+    def interrupted():
+        pressed.append(1)
+        if len(pressed) < 3:
+            raise KeyboardInterrupt
+        stop()
+
+    def fail():
+        raise OSError("cable")
+
+    driver.stop = interrupted
+    # At the end of a sound episode, and after an error.
+    with pytest.raises(KeyboardInterrupt):
+        run_policy(nothing, setup(driver), steps=2, log=log)
+    assert (driver.calls[-1], len(pressed), log.end) == ("stop", 3, End.TIME_OUT)
+    pressed.clear()
+    driver.image = fail
+    with pytest.raises(KeyboardInterrupt):
+        run_policy(nothing, setup(driver), log=log)
+    assert (driver.calls[-1], len(pressed), log.end) == ("stop", 3, End.ERROR)
+
+
+def test_an_error_of_the_stop_itself_is_told_after_three_tries():
+    driver, tried = HandDriver(), []
+
+    def fail():
+        tried.append(1)
+        raise OSError("no connection")
+
+    driver.stop = fail
+    with pytest.raises(OSError, match="no connection"):
+        run_policy(nothing, setup(driver), steps=2)
+    assert len(tried) == 3
+
+
 def test_late_steps_are_counted_and_not_made_up_for():
     driver = HandDriver()
     clock = SlowClock(driver.world)
@@ -183,9 +269,12 @@ def test_late_steps_are_counted_and_not_made_up_for():
         stalled.time += 0.6
         return np.zeros(5)
 
+    driver.commands.clear()
     log = run_policy(slow, setup(driver, stalled))
     assert log.end == End.STALLED
     assert log.steps == 1
+    # The arm is not sent anywhere by what it was like before.
+    assert driver.commands == []
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
@@ -254,6 +343,29 @@ def test_a_camera_that_moved_since_the_training_is_refused():
         Setup(found, HandDriver(), registration())
 
 
+@pytest.mark.parametrize(
+    ("shift", "turn", "refused"), [(0.03, 0.0, False), (0.08, 0.0, True), (0.0, 0.2, False), (0.0, 0.3, True)]
+)
+def test_a_table_that_was_moved_too_far_is_told_before_the_arm_moves(shift, turn, refused):
+    found, registered = interface(), registration()
+    rest = np.linalg.inv(base_from_table()) @ np.array([[1, 0, 0, 0.6], [0, -1, 0, 0], [0, 0, -1, 0.07], [0, 0, 0, 1.0]])
+    object.__setattr__(found, "table_from_tool_at_rest", rest)
+    object.__setattr__(found, "base_from_table", base_from_table())
+    found.check_table(registered)
+    # About the place below the tool, so that the turn alone moves the rest posture by nothing.
+    about, moved = np.eye(4), np.eye(4)
+    about[:3, 3] = rest[:3, 3]
+    moved[:2, :2], moved[0, 3] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]], shift
+    there = Registration(base_from_table() @ about @ moved @ np.linalg.inv(about), nominal.flange_from_camera())
+    driver = HandDriver()
+    if not refused:
+        found.check_table(there)
+        return
+    with pytest.raises(InputError, match=f"{1000 * shift:.0f} mm and {np.degrees(turn):.0f} degrees from where"):
+        Setup(found, driver, there)
+    assert driver.calls == []
+
+
 def test_intrinsics_come_from_the_driver_or_the_registration():
     driver = HandDriver()
     driver.camera = None
@@ -293,3 +405,27 @@ def test_a_worlds_clock_steps_it():
         assert len(steps) == k
     clock.wait_until(0.0)
     assert len(steps) == 4000
+
+
+def test_joint_commands_keep_to_the_arms_speed_and_to_the_tools_path():
+    """As the mirror's arm: all joints slow down together, so that the tool goes straight, only more slowly."""
+    arm = JointArm(robot().urdf.parent)
+    limits, now = arm.kinematics.arm_limits, arm.rest_posture
+    begin = tool_pose(arm.kinematics, now)
+    goal = np.array(begin)
+    goal[:3, 3] += [0.10, 0.12, -0.10]
+    wanted = arm.joints_for(goal, now)
+    assert (np.abs(wanted - now) / (limits.velocity * 0.05)).max() > 2.0
+    for _ in range(100):
+        after = arm.next_joints(goal, now)
+        assert (np.abs(after - now) <= limits.velocity * 0.05 + 1e-12).all()
+        tool = tool_pose(arm.kinematics, after)
+        # Between begin and goal in height, and upright to a degree or two on the way.
+        assert goal[2, 3] - 2e-3 <= tool[2, 3] <= begin[2, 3] + 2e-3
+        assert tool[2, 2] < -np.cos(np.radians(3.0))
+        if np.allclose(after, now):
+            break
+        now = after
+    np.testing.assert_allclose(tool_pose(arm.kinematics, now), goal, atol=1e-4)
+    goal[:3, 3] = [3.0, 0.0, 0.2]
+    assert arm.next_joints(goal, now) is None
