@@ -1,5 +1,7 @@
 """Mistakes of users in a case and in its model: each is refused in one line that names the key."""
 
+import re
+
 import pytest
 import yaml
 from test_gap_sliding import STIFFNESS, log, write_case, write_model
@@ -29,6 +31,10 @@ def refused(path, read=read_joint_case) -> str:
             "'stamp' under 'columns' is no name of ours for a column. Write 'columns: {position.ra",
         ),
         ({"columns": {"position.rial": "enc"}}, "'position.rial' under 'columns'"),
+        (
+            {"columns": {"position.rail": "enc", "command.rail": "enc"}},
+            "'command.rail' and 'position.rail' are both read from 'enc'",
+        ),
         ({"columns": {"position.rail": 3}}, "columns.position.rail is 3, which is no text"),
         ({"units": {"postion": "m"}}, "'postion' under 'units'"),
         ({"units": "SI"}, "'units' is 'SI'. Write 'units: {position: deg}'"),
@@ -70,6 +76,30 @@ CONTROLLER = {"mode": "pd", "stiffness": STIFFNESS, "damping": 900.0}
 )
 def test_numbers_of_a_model_that_make_no_sense(tmp_path, changes, said):
     assert said in refused(write_model(tmp_path, **changes), read_mechanism_model)
+
+
+@pytest.mark.parametrize(("rate", "whole"), [(66.667, 15), (33.333, 30), (333.333, 3), (1e3 / 15.0, 15), (250, 4)])
+def test_a_rate_that_was_rounded_is_taken(tmp_path, rate, whole):
+    """Loops of 15, 30 and 3 ms, as people write them down."""
+    system = read_mechanism_model(write_model(tmp_path, controller=CONTROLLER | {"rate": rate}))
+    assert system.controller.rate == 1000.0 / whole
+
+
+@pytest.mark.parametrize("rate", [300.0, 123.4567, 70.0, 333.0])
+def test_the_rate_that_is_advised_is_taken(tmp_path, rate):
+    said = refused(write_model(tmp_path, controller=CONTROLLER | {"rate": rate}), read_mechanism_model)
+    wanted = float(re.search(r"Write 'physics_rate: ([0-9.]+)'", said)[1])
+    system = read_mechanism_model(write_model(tmp_path, controller=CONTROLLER | {"rate": rate}, physics_rate=wanted))
+    assert system.controller.rate == pytest.approx(rate, rel=1e-6)
+
+
+def test_a_column_that_is_not_in_the_log_is_told(tmp_path):
+    """A name that the user wrote down is never passed over: without the column, the diagnosis would blame something else."""
+    case = write_case(tmp_path, columns={"effort.rail": "tau_rial"})
+    with pytest.raises(
+        InputError, match=r"there is no column 'tau_rial', which the case names for 'effort\.rail'\. It has: time"
+    ):
+        read_joint_case(case)
 
 
 def test_a_model_that_runs_away_by_itself_is_refused(tmp_path):

@@ -1,5 +1,6 @@
 """Stamps that scatter about a steady clock, against clocks and motions that are known."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.clock import steadied, unbroken
+from gsbridge.gap.formats.clock import PAUSE, steadied, unbroken
 from gsbridge.gap.formats.records import Record
 
 PERIOD = 0.01
@@ -86,3 +87,26 @@ def test_no_clock_is_made_up_where_two_samples_share_a_tick():
     at = np.sort(rng.uniform(0.0, 30.0, 3000))
     record = replace(logged(at, at))
     assert steadied(record)[1] is None
+
+
+@pytest.mark.parametrize("pause", [5.0, 3600.0, 1.7e9])
+def test_a_pause_costs_no_time_and_no_clock(pause):
+    """Scattered stamps on both sides of a pause: the rates to try do not grow with it."""
+    rng = np.random.default_rng(5)
+    at = np.concatenate([PERIOD * np.arange(600), 6.0 + pause + PERIOD * np.arange(600)])
+    begin = time.process_time()
+    steadied(logged(at, at + rng.uniform(0.0, 0.006, len(at))))
+    assert time.process_time() - begin < 5.0
+    few = np.concatenate([PERIOD * np.arange(20), 6.0 + pause + PERIOD * np.arange(600)])
+    record = logged(few, few + rng.uniform(0.0, 0.006, len(few)))
+    assert steadied(record) == (record, None)
+
+
+def test_pauses_between_runs_are_no_break_where_nothing_is_commanded():
+    at = np.concatenate([PERIOD * np.arange(400), 4.0 + 0.9 * PAUSE + PERIOD * np.arange(300)])
+    record = logged(at, at)
+    assert unbroken(record, "log.csv", PAUSE) == (record, "")
+    later = at + np.where(at > 4.0, PAUSE, 0.0)
+    part, said = unbroken(logged(later, later), "log.csv", PAUSE)
+    assert len(part.time) == 400
+    assert "breaks off" in said

@@ -22,11 +22,12 @@ ARM = {
     "controller": controller([600, 600, 400, 400, 100, 60, 20], [40, 40, 25, 25, 4, 2, 0.3]),
     "viscous": [2.0, 2.0, 1.0, 1.0, 0.2, 0.1, 0.02],
 }
+FOLDER = Path(pybullet_data.getDataPath()) / "kuka_iiwa"
 HOME = np.array([0.0, 0.4, 0.0, -1.2, 0.0, 0.8, 0.0])
 
 
 def arm(**changes):
-    return parse_mechanism_model(ARM | changes, Path(pybullet_data.getDataPath()) / "kuka_iiwa")
+    return parse_mechanism_model(ARM | changes, FOLDER)
 
 
 def moved(system, centre, reach, duration=2.0):
@@ -138,6 +139,21 @@ def test_a_base_tilts_about_two_axes_across_gravity(down):
         # The base turns about its own x: gravity turns the other way.
         np.testing.assert_allclose(setup_gravity(0.0, angle), [9.81 * np.sin(angle), 0, -9.81 * np.cos(angle)], atol=1e-12)
         np.testing.assert_allclose(setup_gravity(angle, 0.0), [0, -9.81 * np.sin(angle), -9.81 * np.cos(angle)], atol=1e-12)
+
+
+def test_the_end_of_an_arm_is_where_it_ends_whatever_the_records_order():
+    """Payload and surface belong to the outermost link; descriptions and logs may well list joints from the tip."""
+    names = [f"lbr_iiwa_joint_{k}" for k in range(1, 8)]
+    for order in (names, names[::-1], [names[k] for k in (3, 6, 0, 5, 1, 4, 2)]):
+        mechanism = Mechanism(parse_mechanism_model(
+            {"urdf": "model.urdf", "joints": order, "controller": {"mode": "torque"}}, FOLDER
+        ))  # fmt: skip
+        setup = mechanism.setup()
+        assert setup.last == "lbr_iiwa_link_7"
+        assert mechanism.system.joints[mechanism.chain.order[mechanism.tip]] == names[-1]
+        before = setup.inertials[setup.last].mass
+        setup.add_payload(0.5, np.array([0.0, 0.0, 0.1]))
+        assert setup.inertials["lbr_iiwa_link_7"].mass == pytest.approx(before + 0.5)
 
 
 def setup_gravity(about_x, about_y):

@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.following import check_following, differenced
+from gsbridge.gap.formats.following import check_following, check_velocity, differenced
 from gsbridge.gap.formats.records import Record
-from gsbridge.gap.joints.case import _repeated
+from gsbridge.gap.formats.shared import shared_motion
 
 TIME = np.arange(500) / 50
 JOINTS = ("pan", "lift", "elbow")
 COMMAND = 0.3 * np.sin(2 * np.pi * TIME[:, None] * np.array([0.3, 0.53, 0.71]) + np.array([0.0, 1.0, 2.0]))
+
+POSITION = COMMAND + 1e-4 * np.random.default_rng(1).standard_normal(COMMAND.shape)
+BEHIND = np.diff(POSITION, axis=0, prepend=POSITION[:1]) * 50
+AHEAD = np.diff(POSITION, axis=0, append=POSITION[-1:]) * 50
+SPEED = np.gradient(COMMAND, 1 / 50, axis=0)
 
 
 def record(position, command=COMMAND):
@@ -36,17 +41,56 @@ def test_another_order_is_refused():
 
 
 def test_one_record_in_two_roles_is_told():
-    first = record(COMMAND)
-    again = replace(first, measured={"position": COMMAND + 1e-3})
-    assert _repeated({"fit": first, "select": again}) == []
-    (reason,) = _repeated({"fit": first, "select": again, "verify": replace(first, name="b")})
+    first, other = record(COMMAND), record(COMMAND[::-1], COMMAND[::-1])
+    assert shared_motion({"fit": first, "select": other}) == []
+    (reason,) = shared_motion({"fit": first, "select": other, "verify": replace(first, name="b")})
     assert "'fit' and 'verify' are one and the same record" in reason
 
 
-POSITION = COMMAND + 1e-4 * np.random.default_rng(1).standard_normal(COMMAND.shape)
-BEHIND = np.diff(POSITION, axis=0, prepend=POSITION[:1]) * 50
-AHEAD = np.diff(POSITION, axis=0, append=POSITION[-1:]) * 50
-SPEED = np.gradient(COMMAND, 1 / 50, axis=0)
+def test_records_that_overlap_or_repeat_a_motion_are_told():
+    noise = 1e-4 * np.random.default_rng(3).standard_normal(COMMAND.shape)
+    whole = record(COMMAND + noise)
+    late = replace(
+        whole, time=TIME[200:] - TIME[200], commands={"command": COMMAND[200:]}, measured={"position": (COMMAND + noise)[200:]}
+    )
+    (reason,) = shared_motion({"fit": whole, "verify": late})
+    assert reason.startswith("100 % of the shorter of 'fit' and 'verify' lies in the other")
+    # The motion once more: nothing measured is equal, the commands are.
+    (reason,) = shared_motion({"fit": whole, "select": record(COMMAND + noise[::-1])})
+    assert "have the same commands" in reason
+    # A joint that rests at a coarse encoder shows the same numbers in every record.
+    still, moved = np.zeros_like(COMMAND), np.round(COMMAND, 2)
+    assert shared_motion({"fit": record(still, COMMAND), "select": record(moved, COMMAND[::-1])}) == []
+
+
+def sped(speed, command_speed=None):
+    commands = {"command": COMMAND} if command_speed is None else {"command": COMMAND, "command_velocity": command_speed}
+    return Record("a", TIME, JOINTS, commands, {"position": POSITION, "velocity": speed})
+
+
+def test_speeds_that_belong_to_the_positions_are_taken():
+    filtered = 0.8 * np.stack([np.interp(TIME - 0.04, TIME, column) for column in SPEED.T], axis=1)
+    for speed in (SPEED, BEHIND, filtered, SPEED + 0.1 * np.random.default_rng(4).standard_normal(SPEED.shape)):
+        check_velocity(sped(speed, SPEED), "a.csv")
+    # A controller may well be told to brake at every moment.
+    check_velocity(sped(SPEED, np.zeros_like(SPEED)), "a.csv")
+    check_velocity(record(COMMAND), "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("speed", "command_speed", "told"),
+    [
+        (SPEED * [1, -1, 1], SPEED, r"'velocity\.lift' runs against 'position\.lift' \(correlation -1\.00\)"),
+        (SPEED * 30 / np.pi, SPEED, r"'velocity\.pan' is 9\.5\d times what .* revolutions per minute"),
+        (SPEED * [1, 1, 0], SPEED, r"'velocity\.elbow' is 0 in every row, while the joint moves"),
+        (SPEED / 4, SPEED, r"'velocity\.pan' is 0\.25 times"),
+        (SPEED, SPEED * 180 / np.pi, r"'command_velocity\.pan' is 57\.\d times what 'command\.pan'"),
+        (SPEED, SPEED * [1, 1, -1], r"'command_velocity\.elbow' runs against 'command\.elbow'"),
+    ],
+)
+def test_speeds_that_contradict_the_positions_are_refused(speed, command_speed, told):
+    with pytest.raises(InputError, match=told):
+        check_velocity(sped(speed, command_speed), "a.csv")
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,9 @@ def write_folder(folder, bag):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
+        (lambda folder: folder / "log.npz", r"a file of NumPy, which is not read\..*to_csv\('log\.csv'"),
+        (lambda folder: folder / "log.pkl", r"a file of Python's tools.*to_csv\('log\.csv'"),
+        (lambda folder: folder / "log.ulg", r"a log of PX4.*ulog2csv log\.ulg"),
         (lambda folder: folder / "log.mat", r"file of MATLAB, which is not read.*writetable"),
         (
             lambda folder: folder / "log.bag",
@@ -202,6 +205,28 @@ def test_ros_messages_carry_their_units(tmp_path):
     # For a sliding joint, ROS gives metres.
     slid = read_log(f"{tmp_path / 'log.mcap'}#/joint_states,/joint_commands", Layout(JOINTS, sliding=("elbow",)))
     np.testing.assert_array_equal(slid.measured["position"], record.measured["position"])
+
+
+def test_commanded_torques_of_ros_are_commands_where_torques_drive(tmp_path):
+    """One kind of message holds positions, speeds and efforts; a mechanism in mode `torque` is driven by the last alone."""
+    writer_module = pytest.importorskip("mcap_ros2.writer")
+    with open(tmp_path / "log.mcap", "wb") as stream:
+        writer = writer_module.Writer(stream)
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+        for k in range(len(TIME)):
+            nanos = round((200 + TIME[k]) * 1e9)
+            writer.write_message("/joint_states", schema, states(k), nanos, nanos, k)
+            sent = states(k, 0.01) | {"effort": [3.0 + k, 4.0 - k]}
+            writer.write_message("/joint_commands", schema, sent, nanos, nanos, k)
+        writer.finish()
+    log, order = f"{tmp_path / 'log.mcap'}#/joint_states,/joint_commands", list(states(0)["name"])
+    driven = read_log(log, Layout(JOINTS, torque_mode=True))
+    wanted = np.stack([3.0 + np.arange(len(TIME)), 4.0 - np.arange(len(TIME))], axis=1)
+    np.testing.assert_array_equal(driven.commands["command"], wanted[:, [order.index(joint) for joint in JOINTS]])
+    assert set(driven.commands) == {"command"}
+    fed = read_log(log, Layout(JOINTS))
+    np.testing.assert_allclose(fed.commands["command"], motion() + 0.01, atol=1e-12)
+    np.testing.assert_array_equal(fed.commands["feedforward"], driven.commands["command"])
 
 
 def test_flat_messages_are_rows(tmp_path):

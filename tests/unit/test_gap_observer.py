@@ -19,7 +19,7 @@ from gsbridge.effects.registry import Applied
 from gsbridge.files import read_json
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model
-from gsbridge.gap.joints.mechanism.placeholders import placeholder_told
+from gsbridge.gap.joints.mechanism.placeholders import impossible_told, placeholder_told
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.observer import observed
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -368,9 +368,11 @@ def test_inertias_that_are_placeholders_are_told(name):
     joints, told = ARMS[name]
     folder = Path(pybullet_data.getDataPath())
     model = {"urdf": name, "joints": list(joints), "controller": {"mode": "torque"}}
-    found = placeholder_told(Mechanism(parse_mechanism_model(model, folder)))
+    mechanism = Mechanism(parse_mechanism_model(model, folder))
+    found = placeholder_told(mechanism)
     assert found.startswith(told)
     assert bool(found) == bool(told)
+    assert impossible_told(mechanism) == ""
 
 
 def test_equal_links_are_placeholders_only_if_no_link_can_be_so(tmp_path):
@@ -386,3 +388,24 @@ def test_equal_links_are_placeholders_only_if_no_link_can_be_so(tmp_path):
         (tmp_path / "chain.urdf").write_text(f'<robot name="chain"><link name="base"/>{links}</robot>')
         model = {"urdf": "chain.urdf", "joints": ["j0", "j1", "j2"], "controller": {"mode": "torque"}}
         assert bool(placeholder_told(Mechanism(parse_mechanism_model(model, tmp_path)))) == told
+
+
+@pytest.mark.parametrize(
+    ("moments", "told"),
+    [
+        ((0.03, 0.03, 0.003), ""),
+        # A flat plate, to the last digit that a drawing program writes.
+        ((0.0101, 0.02, 0.0301), ""),
+        ((0.03, 0.3, 1.0), "1 kg m2 of 'l0' exceed the sum of its other two principal moments, which no body has"),
+        ((30.0, 30.0, 3.0), "'l0' turns as if its 2 kg were 3.9 m from its middle"),
+    ],
+)
+def test_inertias_that_no_link_has_are_told(tmp_path, moments, told):
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/><link name="l0"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>'
+        f'<inertia ixx="{moments[0]}" iyy="{moments[1]}" izz="{moments[2]}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="j0" type="continuous"><parent link="base"/><child link="l0"/><axis xyz="0 1 0"/></joint></robot>'
+    )
+    found = impossible_told(Mechanism(parse_mechanism_model({"urdf": "arm.urdf", "controller": {"mode": "torque"}}, tmp_path)))
+    assert found.startswith(told)
+    assert bool(found) == bool(told)

@@ -15,6 +15,7 @@ from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
 from gsbridge.gap.contact import bank
 from gsbridge.gap.contact.bank import grid_bank
 from gsbridge.gap.contact.body import parse_body, read_body
+from gsbridge.gap.contact.case import read_throw_case
 from gsbridge.gap.contact.checks import check_clock, check_fall, check_speeds
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.residual_map import CHANNELS, GROUPS, cells, map_distances
@@ -271,6 +272,8 @@ def in_body_axes(throw):
         (check_speeds, {"spin": lambda t: np.degrees(t.spin)}, "degrees per second"),
         (check_speeds, {"spin": lambda t: 9 * t.spin}, "9 times what the poses move by. State"),
         (check_speeds, {"spin": in_body_axes}, "body's own axes"),
+        (check_speeds, {"velocity": lambda t: -t.velocity}, "'velocity' points elsewhere than the poses move"),
+        (check_speeds, {"velocity": lambda t: t.velocity[[0, 2, 1]]}, "'velocity' points elsewhere"),
     ],
 )
 def test_throws_that_contradict_themselves_are_refused(check, changes, said):
@@ -292,6 +295,30 @@ def test_throws_that_hardly_move_are_not_called_contradictory():
     ]
     check_fall(Throws(tuple(items)), 9.81, "log")
     check_speeds(Throws(tuple(items)), "log")
+
+
+def test_throws_of_two_roles_are_told(tmp_path):
+    case = write_case(tmp_path)
+    assert read_throw_case(case).reasons == ()
+    (tmp_path / "verify.csv").write_bytes((tmp_path / "fit.csv").read_bytes())
+    (reason,) = read_throw_case(case).reasons
+    assert reason.startswith(f"{COUNT} throws of 'fit' are in 'verify', too")
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"velocity.x": "vx"}, "there is no column 'vx', which the case names for 'velocity.x'. It has: throw, time"),
+        ({"nonsense": "time"}, "'nonsense' under 'columns' is no name of ours for a column. Ours are time, throw"),
+        ({"position.x": "position.y"}, "'position.x' and 'position.y' are both read from 'position.y'"),
+        ({"position.x": 3}, "columns.position.x is 3, which is no text"),
+    ],
+)
+def test_columns_of_throws_that_name_nothing_are_refused(tmp_path, columns, said):
+    case = write_case(tmp_path, columns=columns if "position.x" not in columns else {**columns, "position.y": "position.y"})
+    with pytest.raises(InputError) as error:
+        read_throw_case(case)
+    assert said in str(error.value)
 
 
 def test_bad_throws_leave_nothing(tmp_path):

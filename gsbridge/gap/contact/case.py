@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,9 @@ from gsbridge.gap.contact.body import FreeBody, number, read_body
 from gsbridge.gap.contact.checks import check_throws
 from gsbridge.gap.contact.replay import HORIZON
 from gsbridge.gap.contact.setup import body_setup
-from gsbridge.gap.contact.throws import FEWEST, SHORTEST, Throws, read_throws
+from gsbridge.gap.contact.throws import COLUMNS, FEWEST, SHORTEST, Throws, read_throws
 from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.formats.columns import refuse_shared
 from gsbridge.gap.formats.yaml_file import read_case_file
 from gsbridge.reading import refusing
 
@@ -62,8 +64,20 @@ def read_throw_case(path: str | Path) -> ThrowCase:
 def _throw_case(path: Path) -> ThrowCase:
     content = read_case_file(path, "docs/gap_objects.md", "records", _KEYS)
     for key in ("columns", "units"):
-        if not isinstance(content.get(key) or {}, Mapping):
+        section, known = (
+            content.get(key) or {},
+            (*COLUMNS, *(() if key == "columns" else (name.split(".")[0] for name in COLUMNS))),
+        )
+        if not isinstance(section, Mapping):
             raise InputError(path, f"'{key}' is no section", "Write 'name: value' lines below it; see docs/gap_objects.md")
+        for name, value in section.items():
+            if name not in known:
+                raise InputError(
+                    path, f"'{name}' under '{key}' is no name of ours for a column", f"Ours are {', '.join(COLUMNS)}"
+                )
+            if not isinstance(value, str):
+                raise InputError(path, f"{key}.{name} is {value!r}, which is no text", "Put it in quotes")
+    refuse_shared(content.get("columns") or {}, path)
     horizon = number(content.get("horizon", HORIZON), path, "horizon", SHORTEST, _LONGEST)
     body = read_body(path.parent / str(content["model"]))
     body_setup(body)
@@ -74,8 +88,19 @@ def _throw_case(path: Path) -> ThrowCase:
             raise InputError(path, f"'{role}' is no role of a record", f"The roles are {', '.join(ROLES)}")
         throws[role] = read_throws(path.parent / str(file), content.get("columns"), content.get("units"))
         check_throws(throws[role], body.figures["gravity"], path.parent / str(file))
+    shared = shared_throws(throws)
     throws, reasons = split_throws(throws, path)
-    return ThrowCase(path.parent / str(content["model"]), body, throws, names, horizon, reasons)
+    return ThrowCase(path.parent / str(content["model"]), body, throws, names, horizon, (*shared, *reasons))
+
+
+def shared_throws(throws: Mapping[str, Throws]) -> tuple[str, ...]:
+    """Warn, in words, of throws that have two roles: effects would be judged on the data to which they were fitted."""
+    seen = {role: {item.position.tobytes() + item.quat.tobytes() for item in items.items} for role, items in throws.items()}
+    return tuple(
+        f"{count} throws of '{first}' are in '{second}', too, so that they prove nothing: give each role throws of its own"
+        for first, second in itertools.combinations(seen, 2)
+        if (count := len(seen[first] & seen[second]))
+    )
 
 
 def split_throws(throws: Mapping[str, Throws], source: str | Path) -> tuple[dict[str, Throws], tuple[str, ...]]:

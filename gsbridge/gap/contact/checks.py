@@ -99,7 +99,15 @@ def check_speeds(throws: Throws, source: str | Path) -> None:
     ):
         size = _size(of_poses)
         ratio = _size(logged) / max(size, 1e-12)
-        if size <= 10.0 * spread + 1e-9 or 1.0 / _APART < ratio < _APART:
+        if size <= 10.0 * spread + 1e-9:
+            continue
+        if 1.0 / _APART < ratio < _APART:
+            if name == "velocity" and _size(logged - of_poses) > 0.5 * size + 10.0 * spread:
+                raise InputError(
+                    source,
+                    f"'{name}' points elsewhere than the poses move",
+                    "Turn it into the axes of the log, or leave it out",
+                )
             continue
         looks = f": it looks like {unit}" if 0.7 < ratio / factor < 1.4 else ""
         raise InputError(

@@ -29,6 +29,14 @@ _UNIT_NORM = 0.05
 
 _AXES = "xyz"
 
+COLUMNS = (
+    *("time", "throw"),
+    *(f"position.{axis}" for axis in _AXES),
+    *(f"orientation.{axis}" for axis in "w" + _AXES),
+    *(f"{kind}.{axis}" for kind in ("velocity", "angular_velocity") for axis in _AXES),
+)
+"""Our names of the columns of throws; the speeds are optional."""
+
 
 @dataclass(frozen=True)
 class Throw:

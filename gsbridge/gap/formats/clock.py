@@ -23,16 +23,23 @@ _ASTRAY = 0.06
 _FIRST = 4000
 """Number of samples in the first estimate of the period; each further estimate doubles it until all samples are used."""
 
+_FEWEST = 50
+"""Smallest number of samples before the first break from which a steady clock is found."""
+
 _HOLE, _BREAK = 10, 0.25
 """Time without a sample, in periods and in s (the longer one counts), that breaks the log: commands are unknown in between."""
 
+PAUSE = 60.0
+"""Time without a sample, s, that breaks even the log of a mechanism that nothing drives; pauses between runs are shorter."""
 
-def unbroken(record: Record, source: str | Path) -> tuple[Record, str]:
+
+def unbroken(record: Record, source: str | Path, pause: float = 0.0) -> tuple[Record, str]:
     """Return the longest part of a record without a break; commands are unknown during a break.
 
     Args:
         record: The record as it was logged.
         source: Its file, for messages.
+        pause: Time without a sample that is no break yet, s.
 
     Returns:
         The record or its longest part, and a sentence about what was left out; empty if there is no break.
@@ -40,7 +47,7 @@ def unbroken(record: Record, source: str | Path) -> tuple[Record, str]:
     Raises:
         InputError: Every part is too short.
     """
-    breaks = np.flatnonzero(np.diff(record.time) > max(_HOLE * record.period, _BREAK)) + 1
+    breaks = np.flatnonzero(np.diff(record.time) > max(_HOLE * record.period, _BREAK, pause)) + 1
     if not len(breaks):
         return record, ""
     edges = [0, *breaks.tolist(), len(record.time)]
@@ -84,7 +91,12 @@ def _steady_clock(time: Array) -> Array | None:
     The clock's period is the one at which the phases of the stamps agree best, as in the periodogram of a point process.
     """
     steps = np.diff(time)
-    first, part = float(np.median(steps)), time[:_FIRST]
+    first = float(np.median(steps))
+    # Rates are told apart the finer, the longer the part lasts: a pause in it would only add rates to try.
+    holes = np.flatnonzero(steps > max(_HOLE * first, _BREAK))
+    part = time[: min(_FIRST, *(holes[:1] + 1).tolist(), len(time))]
+    if len(holes) and len(part) < _FEWEST:
+        return None
     if np.abs(steps / first - np.round(steps / first)).max() < _RAGGED:
         return None
     span = max(float(part[-1] - part[0]), first)

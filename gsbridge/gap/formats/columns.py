@@ -159,6 +159,25 @@ def _refuse_twice(path: Path, headers: Iterable[str]) -> None:
         raise InputError(path, f"the column '{twice}' stands twice", "Keep one of them, or give the other another name")
 
 
+def refuse_shared(names: Mapping[str, str], source: str | Path) -> None:
+    """Refuse a case that reads two of our columns from one of the log's.
+
+    Args:
+        names: Maps our name of a column to the log's.
+        source: The case, for messages.
+
+    Raises:
+        InputError: Two of our names have one column.
+    """
+    theirs = [split_header(name)[0] for name in names.values()]
+    twice = next((name for name in theirs if theirs.count(name) > 1), None)
+    if twice is not None:
+        ours = [key for key, name in zip(names, theirs, strict=True) if name == twice]
+        raise InputError(
+            source, f"'{ours[0]}' and '{ours[1]}' are both read from '{twice}'", "Name a column of its own for each"
+        )
+
+
 @dataclass(frozen=True)
 class Columns:
     """Columns of one table by our names.
@@ -188,11 +207,17 @@ class Columns:
             rows: Rows that are read and returned, from 0; None for all. [T].
 
         Raises:
-            InputError: The unit is missing, unknown or stated twice differently, or a value is not a number or far too large.
+            InputError: The case names a column that is not there, the unit is missing, unknown or stated twice differently, or
+                a value is not a number or far too large.
         """
         headers = self._headers()
         theirs, unit = split_header(self.names.get(ours, ours))
         if theirs not in headers:
+            if ours in self.names:
+                shown = ", ".join(list(headers)[:_LISTED])
+                raise InputError(
+                    self.source, f"there is no column '{theirs}', which the case names for '{ours}'", f"It has: {shown}"
+                )
             return None
         beside = unit if unit is not None else self.units.get(ours, self.units.get(ours.split(".")[0]))
         stated = split_header(headers[theirs])[1]

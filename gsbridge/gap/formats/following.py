@@ -17,6 +17,18 @@ _MOVES = 0.02
 _AGAINST, _APART, _TOGETHER = -0.8, 0.3, 0.95
 """Correlations of a position with a command: opposed below the first, unrelated below the second, following above the third."""
 
+_STRIDE = 0.05
+"""Time over which positions are differenced to compare them with speeds, s, so that their noise does not hide the motion."""
+
+_ALIKE = 0.8
+"""Correlation of speeds with differenced positions from which on their ratio counts."""
+
+_RATIO = 2.0
+"""Factor by which speeds may differ from differenced positions: a filter takes something off, a unit much more."""
+
+_RPM = 30.0 / np.pi
+"""Revolutions per minute of 1 rad/s."""
+
 _ORDER = 4
 """Order of the differences that remove the motion of a channel and leave its noise."""
 
@@ -70,6 +82,48 @@ def check_following(record: Record, source: str | Path) -> None:
                 source, f"'position.{joint}' follows 'command.{record.joints[other]}', not its own command",
                 "The columns are in another order than their names say: name them anew",
             )  # fmt: skip
+
+
+def check_velocity(record: Record, source: str | Path) -> None:
+    """Refuse speeds that contradict the positions of the same columns: their sign, a unit, or a column that nobody fills.
+
+    Args:
+        record: The record; measured speeds are compared with positions, commanded speeds with commanded positions.
+        source: File of the record.
+
+    Raises:
+        InputError: A joint's speeds run against its positions, stand still while it moves, or differ by a large factor.
+    """
+    pairs = [("velocity", record.measured.get("velocity"), "position", record.measured.get("position"))]
+    if not record.torque_commands:
+        pairs.append(("command_velocity", record.commands.get("command_velocity"), "command", record.commands.get("command")))
+    stride = max(1, int(_STRIDE / record.period))
+    for kind, speeds, other, places in pairs:
+        if speeds is None or places is None or len(places) <= 2 * stride:
+            continue
+        rates = (places[stride:] - places[:-stride]) / (record.time[stride:] - record.time[:-stride])[:, None]
+        speeds = speeds[stride // 2 : stride // 2 + len(rates)]
+        alike = np.diag(_correlations(speeds, rates))
+        for k, joint in enumerate(record.joints):
+            if places[:, k].std() <= _MOVES or rates[:, k].std() <= _MOVES:
+                continue
+            if kind == "velocity" and speeds[:, k].std() == 0.0:
+                raise InputError(
+                    source, f"'velocity.{joint}' is {speeds[0, k] + 0.0:.3g} in every row, while the joint moves",
+                    "Leave out all 'velocity' columns if speeds were not measured",
+                )  # fmt: skip
+            if alike[k] < -_ALIKE:
+                raise InputError(
+                    source, f"'{kind}.{joint}' runs against '{other}.{joint}' (correlation {alike[k]:.2f})",
+                    f"Turn the sign of the one that counts otherwise than the model, or leave out all '{kind}' columns",
+                )  # fmt: skip
+            ratio = float(speeds[:, k].std() / rates[:, k].std())
+            if alike[k] > _ALIKE and not 1.0 / _RATIO < ratio < _RATIO:
+                looks = ": it looks like revolutions per minute" if 0.9 < ratio / _RPM < 1.1 else ""
+                raise InputError(
+                    source, f"'{kind}.{joint}' is {ratio:.3g} times what '{other}.{joint}' moves by{looks}",
+                    f"State it in rad/s or deg/s (m/s where the joint slides), or leave out all '{kind}' columns",
+                )  # fmt: skip
 
 
 def _correlations(some: Array, others: Array) -> Array:

@@ -18,6 +18,16 @@ from gsbridge.reading import regular_file
 
 OTHERS: Mapping[str, tuple[str, str]] = {
     ".mat": ("a file of MATLAB", "Write it as CSV there: writetable(array2table([t q], 'VariableNames', names), 'log.csv')"),
+    **dict.fromkeys(
+        (".npz", ".npy"),
+        ("a file of NumPy", "Write it as CSV: pandas.DataFrame(array, columns=names).to_csv('{1}.csv', index=False)"),
+    ),
+    **dict.fromkeys(
+        (".pkl", ".pickle", ".h5", ".hdf5", ".feather"),
+        ("a file of Python's tools", "Write it as CSV: load it with pandas, then .to_csv('{1}.csv', index=False)"),
+    ),
+    ".ulg": ("a log of PX4", "Convert it: pip install pyulog; ulog2csv {0}"),
+    ".xls": ("a spreadsheet", "Save it as CSV, with commas between the columns and points in decimals"),
     ".xlsx": ("a spreadsheet", "Save it as CSV, with commas between the columns and points in decimals"),
     ".bag": ("a bag of ROS 1", "Convert it: pip install rosbags; rosbags-convert --src {0} --dst {1} --dst-storage mcap"),
     ".db3": ("a bag of ROS 2 in SQLite", "Convert its folder: rosbags-convert --src {2} --dst {2}_mcap --dst-storage mcap"),
@@ -62,7 +72,7 @@ def read_log(path: str | Path, layout: Layout) -> Record:
     file, part = split_part(path)
     _refuse_others(file)
     if file.suffix.lower() == ".mcap":
-        table, digest, cut = read_mcap(file, part, layout.joints, layout.sliding)
+        table, digest, cut = read_mcap(file, part, layout.joints, layout.sliding, torques=layout.torque_mode)
     elif os.path.isdir(file):
         (table, digest), cut = read_lerobot(file, part, layout.joints), ""
     elif part:

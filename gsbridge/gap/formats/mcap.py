@@ -33,16 +33,20 @@ LARGEST_TOPICS = 512 * 2**20
 _HOLE, _BREAK = 10, 0.25
 """Time, in periods and in s (the longer one counts), for which the last command is taken to hold."""
 
+_COMMANDED = {"position": "command", "velocity": "command_velocity", "effort": "feedforward"}
+"""Our kinds of the columns of commanded joint states."""
+
 UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
 """Units of the joint states of ROS: at joints that turn, and at joints that slide."""
 
 
 @dataclass(frozen=True)
 class _Joints:
-    """Names of a mechanism's joints, and of those among them that slide."""
+    """Names of a mechanism's joints, of those among them that slide, and whether torques drive them."""
 
     names: tuple[str, ...]
     sliding: Collection[str]
+    torques: bool
 
 
 @dataclass
@@ -72,7 +76,9 @@ class Stream:
         return "array" if isinstance(first.get("data"), (list, tuple)) else "flat"
 
 
-def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collection[str] = ()) -> tuple[pd.DataFrame, str, str]:
+def read_mcap(
+    path: Path, part: str, joints: tuple[str, ...], sliding: Collection[str] = (), *, torques: bool = False
+) -> tuple[pd.DataFrame, str, str]:
     """Read the log of a mechanism's joints as a table.
 
     Args:
@@ -80,6 +86,7 @@ def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collectio
         part: `TOPIC` of the measurements, or `TOPIC,COMMANDS`; may be empty if only one topic has measurements.
         joints: Names of the mechanism's joints.
         sliding: Names of the joints that slide.
+        torques: Whether the mechanism is driven by torques: of commanded joint states, only the efforts count then.
 
     Returns:
         The table, the file's SHA-256, and a sentence about what was left out (empty if everything was taken). The columns are
@@ -94,7 +101,7 @@ def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collectio
     wanted = [name for name in part.split(",") if name] or [_only_topic(path, reader)]
     streams = _streams(path, reader, wanted)
     with refusing(path, "its messages do not fit together", "Log the same joints in every message"):
-        table, cut = _table(streams, path, wanted, _Joints(joints, sliding))
+        table, cut = _table(streams, path, wanted, _Joints(joints, sliding, torques))
     with open(path, "rb") as file:
         return table, hashlib.file_digest(file, "sha256").hexdigest(), cut
 
@@ -291,18 +298,15 @@ def _columns(stream: Stream, joints: _Joints, role: str, path: Path) -> dict[str
         table = np.array(rows, dtype=np.float64)
         return {**out, **{f"{kind}.{joint}": column for joint, column in zip(joints.names, table.T, strict=True)}}
     names = [str(name) for name in stream.messages[0]["name"]]
+    commanded = {"effort": "command"} if joints.torques else _COMMANDED
     for kind, units in UNITS.items():
-        if len(stream.messages[0].get(kind) or []) != len(names):
+        ours = commanded.get(kind, "") if role == "command" else kind
+        if not ours or len(stream.messages[0].get(kind) or []) != len(names):
             continue
         for joint in joints.names:
             if joint not in names:
                 raise InputError(path, f"'{stream.topic}' has no joint '{joint}'", f"It has: {', '.join(names)}")
             column = np.array([_number(m[kind][list(m["name"]).index(joint)]) for m in stream.messages])
-            ours = (
-                {"position": "command", "velocity": "command_velocity", "effort": "feedforward"}[kind]
-                if role == "command"
-                else kind
-            )
             out[f"{ours}.{joint}" + (f" [{units[joint in joints.sliding]}]" if stream.ros else "")] = column
     return out
 

@@ -14,8 +14,9 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.results import ROLES
-from gsbridge.gap.formats.clock import steadied, unbroken
-from gsbridge.gap.formats.following import check_following, differenced
+from gsbridge.gap.formats.clock import PAUSE, steadied, unbroken
+from gsbridge.gap.formats.columns import refuse_shared
+from gsbridge.gap.formats.following import check_following, check_velocity, differenced
 from gsbridge.gap.formats.kinds import shared_kinds, without
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.quantum import shared_steps
@@ -30,6 +31,7 @@ from gsbridge.gap.formats.records import (
     check_degrees,
     doubtful_degrees,
 )
+from gsbridge.gap.formats.shared import shared_motion
 from gsbridge.gap.formats.yaml_file import read_case_file, stated_number
 from gsbridge.gap.joints.mechanism.description import read_mechanism_description
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
@@ -138,7 +140,7 @@ def _joint_case(path: Path) -> JointCase:
     reasons += missing
     quanta = shared_steps([record.measured for record in records.values()], [record.quantum for record in records.values()])
     records = {role: replace(records[role], quantum=steps) for role, steps in zip(records, quanta, strict=True)}
-    reasons += _repeated(records)
+    reasons += shared_motion(records)
     if all(differenced(record) for record in records.values()):
         records = {role: without(record, "velocity") for role, record in records.items()}
         reasons.append("the speeds are differences of the logged positions, which say the same: they were left out")
@@ -239,27 +241,16 @@ def _check_sections(content: Mapping[str, Any], path: Path, joints: Collection[s
                 )  # fmt: skip
             if key in ("columns", "units") and not isinstance(value, str):
                 raise InputError(path, f"{key}.{name} is {value!r}, which is no text", "Put it in quotes")
+    refuse_shared(content.get("columns") or {}, path)
 
 
 def _read(file: Path, layout: Layout, system: MechanismModel, content: Mapping[str, Any]) -> tuple[Record, str, float | None]:
     """Read a record; also return what was left out, in words, and the scatter of its stamps about a steady clock, s."""
-    record, broken = _check(read_log(file, layout), system, file, content), ""
-    if system.controller.mode != "free":
-        record, broken = unbroken(record, file)
+    record = _check(read_log(file, layout), system, file, content)
+    # Without a controller, nothing is commanded during a break: only one that is no pause between two runs ends the record.
+    record, broken = unbroken(record, file, PAUSE if system.controller.mode == "free" else 0.0)
     record, scatters = steadied(record)
     return record, "; ".join(part for part in (record.cut, broken) if part), scatters
-
-
-def _repeated(records: Mapping[str, Record]) -> list[str]:
-    """Give a warning for each record that has two roles: effects would be judged on the data that they were fitted to."""
-    known: dict[bytes, str] = {}
-    out = []
-    for role, record in records.items():
-        seen = b"".join(np.ascontiguousarray(record.measured[kind]).tobytes() for kind in sorted(record.measured))
-        first = known.setdefault(record.content_digest().encode() + seen, role)
-        if first != role:
-            out.append(f"'{first}' and '{role}' are one and the same record, so that it proves nothing: log another motion")
-    return out
 
 
 def _gains(stated: Any, joints: tuple[str, ...], source: Path) -> dict[str, float]:
@@ -310,6 +301,7 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
             source, f"without joint positions nobody knows where mode {system.controller.mode} begins", "Log positions, too"
         )
     check_degrees(record, source, system.limits)
+    check_velocity(record, source)
     if system.controller.closed_loop:
         check_following(record, source)
     stated = {

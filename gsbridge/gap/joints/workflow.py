@@ -23,7 +23,7 @@ from gsbridge.gap.joints.case import JointCase, read_joint_case
 from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints, views_of
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
-from gsbridge.gap.joints.mechanism.placeholders import placeholder_told
+from gsbridge.gap.joints.mechanism.placeholders import impossible_told, placeholder_told
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.observer import observed, strays_told
 from gsbridge.gap.joints.residual_map import map_residuals
@@ -54,7 +54,7 @@ class JointBackend(CaseBackend):
         # Building the mechanism finds further faults of the model; they are reported here, before anything is written.
         mechanism = Mechanism(case.system)
         _refuse_runaway(mechanism, case.records["fit"], case.model)
-        told = [reason for reason in (placeholder_told(mechanism), observed(case)[1]) if reason]
+        told = [reason for reason in (impossible_told(mechanism), placeholder_told(mechanism), observed(case)[1]) if reason]
         return cls(replace(case, reasons=(*case.reasons, *told)) if told else case)
 
     @cached_property

@@ -93,11 +93,19 @@ class Chain:
             joint = int(self.parents[joint])
         return origin
 
+    @property
+    def outermost(self) -> int:
+        """Index of the joint that the most others carry; of several, the one that is named last."""
+        depths: list[int] = []
+        for parent in self.parents.tolist():
+            depths.append(0 if parent < 0 else depths[parent] + 1)
+        return max(range(len(depths)), key=lambda k: (depths[k], int(self.order[k])))
+
     def end(self, tool: str = "") -> tuple[int, Array]:
         """Find the end of the mechanism.
 
         Args:
-            tool: Link whose origin is the end; if empty, it is the farthest frame that the last joint carries.
+            tool: Link whose origin is the end; if empty, it is the farthest frame that the outermost joint carries.
 
         Returns:
             Index of the joint that moves the end, and the end's place in that joint's frame, m. [3].
@@ -105,7 +113,7 @@ class Chain:
         if tool:
             joint, pose = self.links[tool]
             return joint, np.ascontiguousarray(pose[:3, 3])
-        last = int(np.argmax(self.order))
+        last = self.outermost
         places = [pose[:3, 3] for joint, pose in self.links.values() if joint == last]
         return last, np.ascontiguousarray(max(places, key=lambda place: float(np.linalg.norm(place))))
 

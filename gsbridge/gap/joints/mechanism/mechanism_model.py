@@ -30,6 +30,9 @@ FASTEST = 1e5
 _STRONGEST = 30.0
 """Largest gravity that is accepted, m/s2: more than on any planet with solid ground."""
 
+_WHOLE = 1e-4
+"""Largest error of the ratio of both rates, as a share, for a rate that was rounded when it was written down."""
+
 _LARGEST = 1e12
 """Largest gain, friction, inertia and finite limit that is accepted, SI units: no real one comes near it."""
 
@@ -248,11 +251,14 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
         return value
 
     rate, physics = one("rate", 1000.0, 1e-3, FASTEST), one("physics_rate", 1000.0, 1e-3, FASTEST)
-    if abs(physics / rate - round(physics / rate)) > 1e-9 or physics < rate:
+    whole = round(physics / rate)
+    if whole < 1 or abs(physics / rate - whole) > _WHOLE * whole:
         raise InputError(
             source, f"physics_rate {physics:g} is no multiple of controller.rate {rate:g}",
-            f"Write 'physics_rate: {rate * np.ceil(1000.0 / rate):g}', for example",
+            f"Write 'physics_rate: {rate * np.ceil(1000.0 / rate):.9g}', for example",
         )  # fmt: skip
+    # A loop of 15 ms is written as 66.667 Hz; the steps of the physics decide.
+    rate = physics / whole
     for key in {"pd": ("stiffness", "damping"), "position": ("bandwidth",)}.get(mode, ()):
         if key not in given:
             raise InputError(source, f"controller.{key} is missing, which mode {mode} needs", "State it; see docs/gap.md")

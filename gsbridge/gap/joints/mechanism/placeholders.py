@@ -1,4 +1,4 @@
-"""Inertias that a description states for the sake of having one: the same about every axis of links of different masses."""
+"""Inertias that no link can have, and those that a description states for the sake of having one."""
 
 from __future__ import annotations
 
@@ -22,6 +22,39 @@ _BALL = 0.5
 
 _MATTERS = 0.1
 """Least share of the inertia about some joint that placeholders must have to matter."""
+
+_POSSIBLE = 1.5
+"""Ratio of a principal moment to the sum of the other two from which on it is told. No body has more than 1; published
+descriptions have up to 1.16 (UFACTORY's xArm 6), which matters little."""
+
+_FAR = 0.5
+"""Radius of gyration, m, up to which a link's inertia is never doubted; a mechanism that is larger may have larger ones."""
+
+
+def impossible_told(mechanism: Mechanism) -> str:
+    """Tell in words of moved links with an inertia that no body of their size has; empty where there are none.
+
+    Published descriptions hold such, from another unit or a slip. Replays with them are wrong in a way that another mass,
+    friction or ripple of the torque partly makes up for.
+
+    Args:
+        mechanism: The mechanism.
+    """
+    links, told = mechanism.chain.links, []
+    reach = float(sum(np.linalg.norm(pose[:3, 3]) for pose in mechanism.chain.fixed) + np.linalg.norm(mechanism.toe))
+    for name, body in mechanism.skeleton.inertials.items():
+        if links[name][0] < 0 or body.mass <= 0.0:
+            continue
+        moments = np.linalg.eigvalsh(body.inertia)
+        if moments[2] > _POSSIBLE * (moments[0] + moments[1]) + 1e-12:
+            told.append(
+                f"{moments[2]:.3g} kg m2 of '{name}' exceed the sum of its other two principal moments, which no body has"
+            )
+        elif moments[2] > body.mass * max(reach, _FAR) ** 2:
+            told.append(
+                f"'{name}' turns as if its {body.mass:.3g} kg were {np.sqrt(moments[2] / body.mass):.2g} m from its middle"
+            )
+    return f"{'; '.join(told)}: correct the description, since no effect stands for a wrong inertia" if told else ""
 
 
 def placeholder_told(mechanism: Mechanism) -> str:

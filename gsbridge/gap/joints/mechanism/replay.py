@@ -78,7 +78,8 @@ class Mechanism:
 
     def setup(self) -> JointSetup:
         """Make a fresh setup without effects."""
-        return JointSetup.nominal(self.system, self.skeleton.inertials, self.skeleton.child_of)
+        outermost = self.system.joints[self.chain.order[self.chain.outermost]]
+        return JointSetup.nominal(self.system, self.skeleton.inertials, self.skeleton.child_of, outermost)
 
     def inertia(self, q: Array, inertials: Mapping[str, Inertial] | None = None) -> Array:
         """Compute the joint-space inertia of the model in a posture, rotors included.

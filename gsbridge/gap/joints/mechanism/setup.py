@@ -32,6 +32,7 @@ class JointSetup:
         inertials: Actual mass properties of the links; the controller uses the nominal ones.
         child_of: Name of the link that each joint moves, by the joint's name.
         joints: Names of the joints.
+        last: Name of the link that the outermost joint moves; the order of `joints` does not tell, it is that of the records.
         surface: Height above the base's origin (m) and stiffness (N/m) of a surface below the tool; without one, the height is
             minus infinity. [2].
         commands: Functions that act on the commands before they reach the controller, in order.
@@ -43,18 +44,22 @@ class JointSetup:
     inertials: dict[str, Inertial]
     child_of: dict[str, str]
     joints: tuple[str, ...]
+    last: str
     surface: Array = field(default_factory=lambda: np.array([-np.inf, 0.0]))
     commands: list[CommandFilter] = field(default_factory=list)
     clocks: list[Clock] = field(default_factory=list)
 
     @classmethod
-    def nominal(cls, system: MechanismModel, inertials: dict[str, Inertial], child_of: dict[str, str]) -> JointSetup:
+    def nominal(
+        cls, system: MechanismModel, inertials: dict[str, Inertial], child_of: dict[str, str], outermost: str
+    ) -> JointSetup:
         """Make the setup of a mechanism without effects.
 
         Args:
             system: Model of the mechanism.
             inertials: Mass properties of the links by name.
             child_of: Name of the link that each joint moves, by the joint's name.
+            outermost: Name of the outermost joint.
         """
         c, count = system.controller, len(system.joints)
         law = {name: np.zeros(count) for name in LAW}
@@ -64,7 +69,7 @@ class JointSetup:
         law["gravity_share"], law["torque_limit"] = np.full(count, c.gravity_compensation), c.torque_limit.copy()
         law["viscous"], law["coulomb"], law["armature"] = system.viscous.copy(), system.coulomb.copy(), system.armature.copy()
         law["stribeck_speed"], law["ripple_waves"] = np.ones(count), np.ones(count)
-        return cls(law, system.gravity.copy(), dict(inertials), dict(child_of), system.joints)
+        return cls(law, system.gravity.copy(), dict(inertials), dict(child_of), system.joints, child_of[outermost])
 
     def rows(self) -> Array:
         """Stack the figures in the order of the kernel. [len(LAW), N]."""
@@ -101,8 +106,7 @@ class JointSetup:
 
     def add_payload(self, mass: float, place: Array) -> None:
         """Fix a point mass (kg) at a place in the frame of the last link (m, [3])."""
-        link = self.child_of[self.joints[-1]]
-        self.inertials[link] = self.inertials[link].with_point(mass, place)
+        self.inertials[self.last] = self.inertials[self.last].with_point(mass, place)
 
     def lay_surface(self, height: float, stiffness: float) -> None:
         """Put a surface in the way of the tool, or of the last link's end.

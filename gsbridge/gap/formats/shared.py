@@ -1,0 +1,71 @@
+"""Records that share a motion: effects would be judged on the data to which they were fitted."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Mapping
+
+import numpy as np
+
+from gsbridge.gap.formats.records import Record
+
+_WINDOW = 8
+"""Samples in a row by which a stretch of motion is recognised: a single one may well come twice, at a coarse encoder."""
+
+_SHARED = 0.5
+"""Share of a record that may lie in another one, or have its commands, before the user is warned."""
+
+
+def shared_motion(records: Mapping[str, Record]) -> list[str]:
+    """Warn, in words, of records that are the same, overlap, or were driven by the same commands.
+
+    Args:
+        records: Records by role.
+    """
+    out = []
+    for (first, one), (second, other) in itertools.combinations(records.items(), 2):
+        if _same(one, other):
+            out.append(f"'{first}' and '{second}' are one and the same record, so that it proves nothing: log another motion")
+        elif (share := _overlap(one, other)) > _SHARED:
+            out.append(f"{100 * share:.0f} % of the shorter of '{first}' and '{second}' lies in the other: log another motion")
+        elif _same_commands(one, other):
+            out.append(f"'{first}' and '{second}' have the same commands, so that it proves little: log another motion")
+    return out
+
+
+def _same(one: Record, other: Record) -> bool:
+    """Whether commands, times and measurements are equal."""
+    return (
+        one.content_digest() == other.content_digest()
+        and one.measured.keys() == other.measured.keys()
+        and all(np.array_equal(one.measured[kind], other.measured[kind]) for kind in one.measured)
+    )
+
+
+def _overlap(one: Record, other: Record) -> float:
+    """Return the share of the moving stretches of one record that the other has, too; of the one with fewer of them."""
+    few, many = sorted((_stretches(one), _stretches(other)), key=lambda found: found.total())
+    return (few & many).total() / max(few.total(), 1)
+
+
+def _stretches(record: Record) -> Counter[bytes]:
+    """Return all stretches of `_WINDOW` samples in which something moves, as bytes of their measurements."""
+    kind = "position" if "position" in record.measured else sorted(record.measured)[0]
+    values = np.ascontiguousarray(record.measured[kind])
+    moves = np.abs(np.diff(values, axis=0)).max(axis=1) > 0.0
+    return Counter(
+        values[first : first + _WINDOW].tobytes()
+        for first in range(len(values) - _WINDOW + 1)
+        if moves[first : first + _WINDOW - 1].any()
+    )
+
+
+def _same_commands(one: Record, other: Record) -> bool:
+    """Whether one and the same motion is commanded, over most of the longer record."""
+    a, b = one.commands.get("command"), other.commands.get("command")
+    if a is None or b is None:
+        return False
+    count = min(len(a), len(b))
+    enough = count >= (1.0 - _SHARED) * max(len(a), len(b))
+    return bool(enough and np.array_equal(a[:count], b[:count]) and np.ptp(a[:count], axis=0).any())
