@@ -93,6 +93,12 @@ def test_the_rate_that_is_advised_is_taken(tmp_path, rate):
     assert system.controller.rate == pytest.approx(rate, rel=1e-6)
 
 
+def test_joints_may_be_numbers(tmp_path):
+    path = write_model(tmp_path, joints=[1])
+    (tmp_path / "gantry.urdf").write_text((tmp_path / "gantry.urdf").read_text().replace('name="rail"', 'name="1"'))
+    assert read_mechanism_model(path).joints == ("1",)
+
+
 def test_a_column_that_is_not_in_the_log_is_told(tmp_path):
     """A name that the user wrote down is never passed over: without the column, the diagnosis would blame something else."""
     case = write_case(tmp_path, columns={"effort.rail": "tau_rial"})

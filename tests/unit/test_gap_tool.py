@@ -160,6 +160,22 @@ def test_what_tells_no_tool_is_refused(model, tmp_path):
         read_joint_case(path)
 
 
+@pytest.mark.parametrize(("change", "said"), [(1e3, "it looks like millimetres. State"), (None, "the model reaches 1")])
+def test_a_tool_beyond_the_arms_reach_is_refused(model, tmp_path, change, said):
+    """In millimetres that are called metres, and in the frame of a tracker that stands elsewhere."""
+    path = write_case(tmp_path, model, {})
+    for role in KINDS:
+        table = pd.read_csv(tmp_path / f"{role}.csv")
+        for axis in "xyz":
+            seen = table.pop(f"tool.{axis} [mm]") / 1e3
+            table[f"tool.{axis} [m]"] = seen * change if change else seen + 2.5
+        table.to_csv(tmp_path / f"{role}.csv", index=False)
+    with pytest.raises(InputError, match=r"the tool of 'fit' is logged [0-9.]+ m from the base") as error:
+        JointBackend.read(path)
+    assert said in str(error.value)
+    assert ("millimetres" in str(error.value)) == bool(change)
+
+
 def test_system_with_a_tool_is_another(model):
     system = read_mechanism_model(model)
     assert system.digest() != replace(system, tool="").digest()

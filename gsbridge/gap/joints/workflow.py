@@ -15,7 +15,7 @@ from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.backend import CaseBackend, stored_names
 from gsbridge.gap.diagnosis.findings import similar_pairs
 from gsbridge.gap.diagnosis.results import Candidate
-from gsbridge.gap.formats.records import Record
+from gsbridge.gap.formats.records import TOOL, Record
 from gsbridge.gap.formats.store import load_records, save_records
 from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import candidates
@@ -31,6 +31,9 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import cosines
 from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.geometry import Array
+
+_BEYOND = 1.2
+"""Distance of a logged tool from the base, as a multiple of the mechanism's reach, beyond which it is refused."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class JointBackend(CaseBackend):
         case = read_joint_case(path)
         # Building the mechanism finds further faults of the model; they are reported here, before anything is written.
         mechanism = Mechanism(case.system)
+        _refuse_far_tool(mechanism, case.records["fit"], Path(path))
         _refuse_runaway(mechanism, case.records["fit"], case.model)
         told = [reason for reason in (impossible_told(mechanism), placeholder_told(mechanism), observed(case)[1]) if reason]
         return cls(replace(case, reasons=(*case.reasons, *told)) if told else case)
@@ -153,6 +157,25 @@ class JointBackend(CaseBackend):
                 "remains": map_residuals(view, after, explained).record(),
             }
         return arrays, {"unit": "noise", "records": rows, "simulations": mechanism.runs}
+
+
+def _refuse_far_tool(mechanism: Mechanism, record: Record, source: Path) -> None:
+    """Refuse a tool that is logged farther from the base than the mechanism reaches.
+
+    Raises:
+        InputError: The tool's places are in another unit, or in the frame of the tracker.
+    """
+    if TOOL not in record.measured:
+        return
+    far = float(np.median(np.linalg.norm(record.measured[TOOL], axis=1)))
+    reach = mechanism.chain.reach(mechanism.tip, mechanism.toe)
+    if far <= _BEYOND * reach:
+        return
+    looks = ": it looks like millimetres" if far <= 1e3 * _BEYOND * reach and far > 100.0 * reach else ""
+    raise InputError(
+        source, f"the tool of 'fit' is logged {far:.3g} m from the base, the model reaches {reach:.3g} m{looks}",
+        "State the unit that was logged, e.g. [mm], and give places in the frame of the base",
+    )  # fmt: skip
 
 
 def _refuse_runaway(mechanism: Mechanism, record: Record, source: Path) -> None:

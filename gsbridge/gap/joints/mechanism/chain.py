@@ -117,6 +117,19 @@ class Chain:
         places = [pose[:3, 3] for joint, pose in self.links.values() if joint == last]
         return last, np.ascontiguousarray(max(places, key=lambda place: float(np.linalg.norm(place))))
 
+    def reach(self, joint: int, point: Array) -> float:
+        """Return the farthest that a point can get from the base's origin by turning joints, m; infinite where one slides.
+
+        Args:
+            joint: Index of the joint that moves the point.
+            point: Place of the point in that joint's frame, m. [3].
+        """
+        out = float(np.linalg.norm(point))
+        while joint >= 0:
+            out = np.inf if self.slides[joint] else out + float(np.linalg.norm(self.fixed[joint][:3, 3]))
+            joint = int(self.parents[joint])
+        return out
+
     def idle(self, bodies: Array) -> Array:
         """Find joints without inertia: neither they nor the joints that they carry move mass, or inertia about their axes.
 

@@ -209,7 +209,8 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     named = content.get("joints") or [name for name, joint in moving.items() if joint.follows is None]
     if not isinstance(named, list):
         raise InputError(source, f"'joints' is {named!r}", f"Write a list, 'joints: [{', '.join(moving)}]'")
-    joints = tuple(named)
+    # A description may well call its joints 1, 2, 3.
+    joints = tuple(str(name) if isinstance(name, int) else name for name in named)
     unknown = [name for name in joints if name not in moving]
     if unknown:
         raise InputError(
