@@ -53,7 +53,7 @@ BY_PATH: dict[str, Read] = {
     "mask": read_mask,
     "ply": read_ply,
     "trial log": read_trial_log,
-    "trials": TrialFile,
+    "trials": lambda path: TrialFile(path, "0" * 64),
     "policy": load_policy,
 }
 
