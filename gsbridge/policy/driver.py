@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import logging
 import os
+import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Iterator, Mapping
@@ -25,6 +28,8 @@ from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.tasks.world import CONTROL_HZ
+
+logger = logging.getLogger("gsbridge")
 
 
 @dataclass(frozen=True)
@@ -74,31 +79,49 @@ class RobotDriver(Protocol):
 
 
 _HOLDS = 3
-"""Number of times that an arm is told to hold, if it is interrupted meanwhile."""
+"""Number of times that an arm is told to hold, if it is interrupted meanwhile; the last time, signals are not heeded."""
 
 
 def hold(driver: RobotDriver) -> None:
     """Stop an arm, and do not let Ctrl-C or an error keep it from that: a frightened person presses more than once.
 
     Args:
-        driver: The arm; its `stop` is called again if it was interrupted, a few times at most.
+        driver: The arm; its `stop` is called again if it was interrupted or failed.
 
     Raises:
-        KeyboardInterrupt: The user pressed Ctrl-C meanwhile; the arm is stopped all the same.
-        Exception: The driver's own, of the last attempt.
+        KeyboardInterrupt: The user pressed Ctrl-C meanwhile; the arm was stopped all the same.
+        Exception: The driver's own, of the last attempt: nobody knows whether the arm holds.
     """
     interrupted: KeyboardInterrupt | None = None
     for left in reversed(range(_HOLDS)):
         try:
-            driver.stop()
+            with contextlib.nullcontext() if left else _unheeded():
+                driver.stop()
             break
         except KeyboardInterrupt as error:
             interrupted = error
-        except Exception:
+            logger.warning("interrupted while the arm was told to hold: it is told again")
+        except Exception as error:
             if not left:
+                logger.error("the arm could not be told to hold: use the emergency stop")
                 raise
+            logger.warning("the driver's stop() failed and is called again: %s: %s", type(error).__name__, error)
     if interrupted is not None:
         raise interrupted
+
+
+@contextlib.contextmanager
+def _unheeded() -> Iterator[None]:
+    """Ignore the signals that end a program; Ctrl-\\ still does. Only the main thread can, and only it is interrupted."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class JointArm:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -86,12 +87,13 @@ class EpisodeLog:
         return np.array([row[COLUMNS.index(name)] for row in self.rows])
 
 
-def write_episode(stem: str | Path, log: EpisodeLog, **facts: Any) -> None:
+def write_episode(stem: str | Path, log: EpisodeLog, doubts: Sequence[str] = (), **facts: Any) -> None:
     """Write `{stem}.csv`, `{stem}.json` and, where pictures were kept, `{stem}.npz` with `images`, [steps, H, W, 3].
 
     Args:
         stem: Path without ending.
         log: The episode.
+        doubts: Why even an episode that ended normally is degraded, such as by its registration.
         **facts: Further entries of the summary: policy, driver, registration, start pose, verdict.
     """
     stem = Path(stem)
@@ -106,7 +108,10 @@ def write_episode(stem: str | Path, log: EpisodeLog, **facts: Any) -> None:
     normal = log.end in (End.TIME_OUT, End.DONE)
     write_stage(
         stem.with_suffix(".json"),
-        reasons=[] if normal else [f"the episode ended early: {log.end.value}{': ' if log.error else ''}{log.error}"],
+        reasons=[
+            *([] if normal else [f"the episode ended early: {log.end.value}{': ' if log.error else ''}{log.error}"]),
+            *doubts,
+        ],
         end=log.end.value,
         steps=log.steps,
         dry_run=log.dry_run,

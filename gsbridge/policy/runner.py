@@ -212,7 +212,14 @@ class _Loop:
         return self.guard.command(*command[:2], self.reached), action, command
 
     def _send(self, command: tuple[Array, float, float]) -> bool | None:
-        """Give a command to the arm; return what it answers: a driver may well answer with a bool of NumPy's, or 0."""
+        """Give a command to the arm; return what it answers.
+
+        Raises:
+            InputError: The answer is neither true, false nor none: a status of 0 may mean either.
+        """
         position, yaw, aperture = command
-        answer = self.setup.driver.command(self.setup.base_from_table @ tool_down(position, yaw), aperture)
-        return None if answer is None else bool(answer)
+        answer: object = self.setup.driver.command(self.setup.base_from_table @ tool_down(position, yaw), aperture)
+        if answer is None or isinstance(answer, bool | np.bool_):
+            return None if answer is None else bool(answer)
+        said = f"it answered {answer!r}"[:100]
+        raise InputError("driver: command", said, "Return False where the arm cannot go there, else True or None")

@@ -131,7 +131,8 @@ def _episode(
         if plan.out is not None:
             start = None if pose is None else {**vars(pose), "quadrant": pose.quadrant}
             judged = None if verdict is None else vars(verdict)
-            write_episode(_free_stem(plan.out, pose), log, start_pose=start, verdict=judged, **facts)
+            doubts = [f"the registration is degraded: {reason}" for reason in setup.registration.reasons]
+            write_episode(_free_stem(plan.out, pose), log, doubts, start_pose=start, verdict=judged, **facts)
     name = "episode" if pose is None else f"{pose.pose_set} {pose.index}"
     outcome = "not judged" if verdict is None else "success" if verdict.success else f"no success {verdict.failure}".rstrip()
     logger.info("%s: %s after %d steps (%s), %d late", name, outcome, log.steps, log.end.value, log.overruns)

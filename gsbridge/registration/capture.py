@@ -36,8 +36,8 @@ _LIST_REMEDY = 'Write {"poses": [{"image": ..., "joints": [rad, ...]}, ...]}, or
 _CAMERA_REMEDY = (
     "Give width, height, fx, fy, cx, cy in pixels and distortion: [k1, k2, p1, p2], or delete the file to have them estimated"
 )
-_LIKE_DISTORTION = re.compile(r"dist|coef|^[kp][1-6]$", re.IGNORECASE)
-"""Keys under which other tools write a lens's distortion, such as RealSense's `coeffs`."""
+_LIKE_DISTORTION = re.compile(r"^dist(?!ance)|coef|^[kp][1-6]$", re.IGNORECASE)
+"""Keys under which other tools write the numbers of a lens's distortion, such as RealSense's `coeffs`."""
 
 
 @dataclass(frozen=True)
@@ -196,8 +196,8 @@ def _read_camera(path: Path) -> Camera | None:
         return None
     content = read_given_json(path, _CAMERA_REMEDY)
     content = content.get("camera", content)
-    keys = content if isinstance(content, dict) else ()
-    unread = [key for key in keys if key != "distortion" and _LIKE_DISTORTION.search(key)]
+    stated = content if isinstance(content, dict) and "distortion" not in content else {}
+    unread = [key for key, value in stated.items() if isinstance(value, float | int | list) and _LIKE_DISTORTION.search(key)]
     if unread:
         problem = f"'{unread[0]}' looks like the lens's distortion, which is read under the key 'distortion' alone"
         raise InputError(path, problem, 'Write "distortion": [k1, k2, p1, p2], zeros for rectified photos')

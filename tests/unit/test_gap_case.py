@@ -2,6 +2,7 @@
 
 import re
 
+import pandas as pd
 import pytest
 import yaml
 from test_gap_sliding import STIFFNESS, log, write_case, write_model
@@ -103,9 +104,13 @@ def test_a_column_that_is_not_in_the_log_is_told(tmp_path):
     """A name that the user wrote down is never passed over: without the column, the diagnosis would blame something else."""
     case = write_case(tmp_path, columns={"effort.rail": "tau_rial"})
     with pytest.raises(
-        InputError, match=r"there is no column 'tau_rial', which the case names for 'effort\.rail'\. It has: time"
+        InputError, match=r"no record has the column 'tau_rial', which the case names for 'effort\.rail'\. They"
     ):
         read_joint_case(case)
+    # A kind that one record alone has is left out, and told.
+    table = pd.read_csv(tmp_path / "fit.csv")
+    table.rename(columns=lambda name: name.replace("effort.rail", "tau_rial")).to_csv(tmp_path / "fit.csv", index=False)
+    assert any("effort" in reason for reason in read_joint_case(case).reasons)
 
 
 def test_a_model_that_runs_away_by_itself_is_refused(tmp_path):

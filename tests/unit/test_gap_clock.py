@@ -97,9 +97,15 @@ def test_a_pause_costs_no_time_and_no_clock(pause):
     begin = time.process_time()
     steadied(logged(at, at + rng.uniform(0.0, 0.006, len(at))))
     assert time.process_time() - begin < 5.0
-    few = np.concatenate([PERIOD * np.arange(20), 6.0 + pause + PERIOD * np.arange(600)])
-    record = logged(few, few + rng.uniform(0.0, 0.006, len(few)))
-    assert steadied(record) == (record, None)
+
+
+@pytest.mark.parametrize("first", [20, 49, 700])
+def test_the_clock_is_found_in_the_longest_part_between_pauses(first):
+    rng = np.random.default_rng(8)
+    at = np.concatenate([PERIOD * np.arange(first), 20.0 + PERIOD * np.arange(3000), 70.0 + PERIOD * np.arange(40)])
+    record, scatter = steadied(logged(at, at + rng.uniform(0.0, 0.006, len(at))))
+    assert scatter == pytest.approx(0.006 / np.sqrt(12), rel=0.1)
+    np.testing.assert_allclose(np.diff(record.time)[:10], PERIOD, atol=1e-4)
 
 
 def test_pauses_between_runs_are_no_break_where_nothing_is_commanded():

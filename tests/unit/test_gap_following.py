@@ -63,6 +63,22 @@ def test_records_that_overlap_or_repeat_a_motion_are_told():
     assert shared_motion({"fit": record(still, COMMAND), "select": record(moved, COMMAND[::-1])}) == []
 
 
+@pytest.mark.parametrize(("one", "other"), [(0.05, 0.08), (0.10, 0.15)])
+def test_sweeps_of_other_speeds_share_the_steps_of_an_encoder_and_no_motion(one, other):
+    time, step = np.arange(20_000) / 1000, 2 * np.pi / 4096
+
+    def sweep(speed):
+        way = 0.3 * np.abs((speed * time / 0.3) % 2 - 1)[:, None]
+        return Record("a", time, ("j",), {"command": way}, {"position": step * np.round(way / step)})
+
+    assert shared_motion({"fit": sweep(one), "select": sweep(other)}) == []
+    whole = sweep(one)
+    part = replace(whole, time=time[:15_000], commands={"command": whole.commands["command"][5000:]},
+                   measured={"position": whole.measured["position"][5000:]})  # fmt: skip
+    (reason,) = shared_motion({"fit": whole, "select": part})
+    assert "lies in the other" in reason
+
+
 def sped(speed, command_speed=None):
     commands = {"command": COMMAND} if command_speed is None else {"command": COMMAND, "command_velocity": command_speed}
     return Record("a", TIME, JOINTS, commands, {"position": POSITION, "velocity": speed})
@@ -75,6 +91,33 @@ def test_speeds_that_belong_to_the_positions_are_taken():
     # A controller may well be told to brake at every moment.
     check_velocity(sped(SPEED, np.zeros_like(SPEED)), "a.csv")
     check_velocity(record(COMMAND), "a.csv")
+
+
+@pytest.mark.parametrize("frequency", [0.5, 1.0, 2.5])
+@pytest.mark.parametrize("stamps", ["clusters", "bursts", "missing"])
+def test_uneven_sampling_with_right_stamps_makes_no_speed_wrong(frequency, stamps):
+    """Three samples within 0.2 ms of each tick of 10 ms; five at 1 kHz every 50 ms; two fifths of the samples lost."""
+    if stamps == "clusters":
+        time = (np.arange(800)[:, None] / 100 + np.arange(3) * 1e-4).ravel()
+    elif stamps == "bursts":
+        time = (np.arange(160)[:, None] / 20 + np.arange(5) * 1e-3).ravel()
+    else:
+        time = np.sort(np.random.default_rng(6).choice(np.arange(800) / 100, 480, replace=False))
+    angle = 2 * np.pi * frequency * time
+    place, speed = 0.4 * np.sin(angle)[:, None], 0.4 * 2 * np.pi * frequency * np.cos(angle)[:, None]
+    uneven = Record("a", time, ("j",), {"command": place}, {"position": place, "velocity": speed})
+    check_velocity(uneven, "a.csv")
+    with pytest.raises(InputError, match="runs against"):
+        check_velocity(replace(uneven, measured={"position": place, "velocity": -speed}), "a.csv")
+
+
+def test_speeds_that_a_drive_resolves_coarsely_are_taken():
+    time, rng = np.arange(3000) / 100, np.random.default_rng(7)
+    # A turntable at a steady speed, and a motion below the resolution of a drive.
+    steady = 10.0 * time[:, None] + 1e-3 * rng.standard_normal((3000, 1))
+    slow = 0.1 * np.sin(2 * np.pi * 0.07 * time)[:, None]
+    for place, speed in ((steady, np.full_like(steady, 10.0)), (slow, np.zeros_like(slow))):
+        check_velocity(Record("a", time, ("j",), {}, {"position": place, "velocity": speed}), "a.csv")
 
 
 @pytest.mark.parametrize(

@@ -409,3 +409,19 @@ def test_inertias_that_no_link_has_are_told(tmp_path, moments, told):
     found = impossible_told(Mechanism(parse_mechanism_model({"urdf": "arm.urdf", "controller": {"mode": "torque"}}, tmp_path)))
     assert found.startswith(told)
     assert bool(found) == bool(told)
+
+
+def test_long_links_and_beams_on_slides_are_believed(tmp_path):
+    """A uniform rod of 4 m, and a beam of 3 m on a rail of 5 m: their inertias are exact."""
+    rod = (
+        '<inertial><origin xyz="0 0 -2"/><mass value="20"/><inertia ixx="26.7" iyy="26.7" izz="0.02" ixy="0" ixz="0" iyz="0"/>'
+    )
+    beam = '<inertial><mass value="30"/><inertia ixx="22.5" iyy="0.1" izz="22.5" ixy="0" ixz="0" iyz="0"/>'
+    for kind, link in (("continuous", rod), ("prismatic", beam)):
+        (tmp_path / "long.urdf").write_text(
+            f'<robot name="long"><link name="base"/><link name="l0">{link}</inertial></link><joint name="j0" type="{kind}">'
+            '<parent link="base"/><child link="l0"/><axis xyz="0 1 0"/><limit lower="0" upper="5" effort="9" velocity="9"/>'
+            "</joint></robot>"
+        )
+        model = parse_mechanism_model({"urdf": "long.urdf", "controller": {"mode": "torque"}}, tmp_path)
+        assert impossible_told(Mechanism(model)) == ""

@@ -285,6 +285,12 @@ def test_throws_that_contradict_themselves_are_refused(check, changes, said):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("factor", [0.4, 1.6, 2.9])
+def test_speeds_of_another_size_point_nowhere_else(factor):
+    throws = ballistic(np.random.default_rng(1).normal(0, 4, (20, 3)))
+    check_speeds(changed(throws, velocity=lambda t: factor * t.velocity), "log")
+
+
 def test_throws_that_hardly_move_are_not_called_contradictory():
     """A body that lies still has no speeds to compare, and does not fall."""
     rng = np.random.default_rng(0)
@@ -308,7 +314,7 @@ def test_throws_of_two_roles_are_told(tmp_path):
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({"velocity.x": "vx"}, "there is no column 'vx', which the case names for 'velocity.x'. It has: throw, time"),
+        ({"velocity.x": "vx"}, "no record has the column 'vx', which the case names for 'velocity.x'. They have: throw, time"),
         ({"nonsense": "time"}, "'nonsense' under 'columns' is no name of ours for a column. Ours are time, throw"),
         ({"position.x": "position.y"}, "'position.x' and 'position.y' are both read from 'position.y'"),
         ({"position.x": 3}, "columns.position.x is 3, which is no text"),

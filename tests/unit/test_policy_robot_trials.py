@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from driver_fixture import HandDriver, setup
+from driver_fixture import HandDriver, registration, setup
 from environment_fixture import PLATE
 
 from gsbridge.environment.settings import EnvironmentSettings
@@ -178,3 +178,11 @@ def test_pick_and_place_keeps_its_plate(tmp_path):
     chosen = setup(task="pick_and_place", plate=PLATE)
     assert chosen.interface.settings == settings
     assert start_poses(chosen.interface.settings, "fixed", "0") == start_poses(settings, "fixed", "0")
+
+
+def test_an_episode_under_a_doubtful_registration_is_degraded(tmp_path):
+    chosen = setup(HandDriver())
+    object.__setattr__(chosen, "registration", registration(reasons=("the places are typed",)))
+    run_session(nothing, chosen, Person("grasp", Answers(), None), Plan(out=tmp_path, steps=3), {})
+    summary = read_json(tmp_path / "episode.json")
+    assert (summary["status"], summary["reasons"]) == ("degraded", ["the registration is degraded: the places are typed"])

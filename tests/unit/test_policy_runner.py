@@ -1,5 +1,7 @@
 """The control loop: the very trajectory of the environment, guards, pace, and an arm that is always stopped."""
 
+import signal
+
 import numpy as np
 import pytest
 from driver_fixture import POSE, SEED, HandDriver, SlowClock, SteadyHand, base_from_table, interface, registration, setup, spec
@@ -135,7 +137,6 @@ def shifted(x=0.0, roll=0.0):
         (End.BAD_READING, {"measure": lambda r: (r.base_from_tool, r.aperture)}),
         (End.REFUSED, {"command": lambda answer: False}),
         (End.REFUSED, {"command": lambda answer: np.False_}),
-        (End.REFUSED, {"command": lambda answer: 0}),
     ],
 )
 def test_a_guard_ends_the_episode_and_stops_the_arm(end, changes):
@@ -232,6 +233,58 @@ def test_the_arm_holds_although_ctrl_c_is_pressed_again():
     with pytest.raises(KeyboardInterrupt):
         run_policy(nothing, setup(driver), log=log)
     assert (driver.calls[-1], len(pressed), log.end) == ("stop", 3, End.ERROR)
+
+
+@pytest.mark.parametrize("answer", [0, 1, "ok", np.array([True, False]), [0.1, 0.2]])
+def test_an_answer_that_may_mean_either_ends_the_episode(answer):
+    """Many libraries return a status of 0 for a success."""
+    driver = HandDriver()
+    driver.answer = answer
+    with pytest.raises(InputError, match=r"driver: command: it answered .*Return False where"):
+        run_policy(nothing, setup(driver), steps=5)
+    assert driver.calls == ["rest", "command", "stop"]
+    for fine in (True, np.True_, None):
+        driver.answer = fine
+        assert run_policy(nothing, setup(driver), steps=5).refused == 0
+
+
+def test_the_last_attempt_to_hold_heeds_no_signal():
+    """Somebody who presses Ctrl-C all the time, while the driver waits for the arm."""
+    driver, begun = HandDriver(), []
+
+    def slow():
+        begun.append(1)
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+        driver.calls.append("stop")
+
+    driver.stop = slow
+    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_policy(nothing, setup(driver), steps=2)
+        assert signal.getsignal(signal.SIGINT) == signal.getsignal(signal.SIGTERM) == signal.default_int_handler
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert (driver.calls[-1], len(begun)) == ("stop", 3)
+
+
+def test_a_stop_that_failed_once_is_called_again_and_told(caplog):
+    driver, tried = HandDriver(), []
+    stop = driver.stop
+
+    def fails_once():
+        tried.append(1)
+        if len(tried) == 1:
+            raise OSError("no answer of the controller")
+        stop()
+
+    driver.stop = fails_once
+    with caplog.at_level("WARNING", "gsbridge"):
+        assert run_policy(nothing, setup(driver), steps=2).end == End.TIME_OUT
+    assert driver.calls[-1] == "stop"
+    assert "OSError: no answer of the controller" in caplog.text
 
 
 def test_an_error_of_the_stop_itself_is_told_after_three_tries():
@@ -344,24 +397,24 @@ def test_a_camera_that_moved_since_the_training_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("shift", "turn", "refused"), [(0.03, 0.0, False), (0.08, 0.0, True), (0.0, 0.2, False), (0.0, 0.3, True)]
+    ("shift", "degrees", "refused"), [(0.03, 0, False), (0.08, 0, True), (0.0, 10, False), (0.0, 11, True)]
 )
-def test_a_table_that_was_moved_too_far_is_told_before_the_arm_moves(shift, turn, refused):
-    found, registered = interface(), registration()
-    rest = np.linalg.inv(base_from_table()) @ np.array([[1, 0, 0, 0.6], [0, -1, 0, 0], [0, 0, -1, 0.07], [0, 0, 0, 1.0]])
+def test_a_table_that_was_moved_too_far_is_told_before_the_arm_moves(shift, degrees, refused):
+    """Shifted, or turned about the middle of the board, with the tool at rest 0.265 m beside it as the nominal arm's."""
+    found, turn = interface(), np.radians(degrees)
+    rest = np.diag([1.0, -1.0, -1.0, 1.0])
+    rest[:3, 3] = [0.0, 0.265, 0.25]
     object.__setattr__(found, "table_from_tool_at_rest", rest)
     object.__setattr__(found, "base_from_table", base_from_table())
-    found.check_table(registered)
-    # About the place below the tool, so that the turn alone moves the rest posture by nothing.
-    about, moved = np.eye(4), np.eye(4)
-    about[:3, 3] = rest[:3, 3]
+    found.check_table(registration())
+    moved = np.eye(4)
     moved[:2, :2], moved[0, 3] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]], shift
-    there = Registration(base_from_table() @ about @ moved @ np.linalg.inv(about), nominal.flange_from_camera())
+    there = Registration(base_from_table() @ moved, nominal.flange_from_camera())
     driver = HandDriver()
     if not refused:
         found.check_table(there)
         return
-    with pytest.raises(InputError, match=f"{1000 * shift:.0f} mm and {np.degrees(turn):.0f} degrees from where"):
+    with pytest.raises(InputError, match=f"(80|51) mm and {degrees} degrees from where"):
         Setup(found, driver, there)
     assert driver.calls == []
 

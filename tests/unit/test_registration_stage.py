@@ -263,6 +263,9 @@ def test_a_distortion_under_another_key_is_refused(tmp_path, key):
     content = {"width": 640, "height": 480, "fx": 600.0, "fy": 600.0, "cx": 320.0, "cy": 240.0, "model": "brown"}
     (folder / "camera.json").write_text(json.dumps(content))
     assert read_board_capture(folder).camera.distortion == (0.0, 0.0, 0.0, 0.0)
+    beside = {"distortion_model": "plumb_bob", "focus_distance": 0.6, "distance": 1.0, "undistorted": False, key: [9.0]}
+    (folder / "camera.json").write_text(json.dumps(content | beside | {"distortion": [0.1, -0.2, 0.0, 0.0]}))
+    assert read_board_capture(folder).camera.distortion == (0.1, -0.2, 0.0, 0.0)
     (folder / "camera.json").write_text(json.dumps({"camera": content | {key: [0.1, -0.2, 0.0, 0.0]}}))
     with pytest.raises(InputError, match=f"'{key}' looks like the lens's distortion"):
         read_board_capture(folder)

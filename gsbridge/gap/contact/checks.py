@@ -17,6 +17,9 @@ SLOWEST = 0.05
 _APART = 3.0
 """Factor by which logged speeds may differ from the speeds of the poses."""
 
+_ASTRAY = 0.5
+"""Cosine between logged speeds and those of the poses, of the median throw, below which the log's axes are others."""
+
 _DEGREES = 180.0 / np.pi
 
 
@@ -102,7 +105,7 @@ def check_speeds(throws: Throws, source: str | Path) -> None:
         if size <= 10.0 * spread + 1e-9:
             continue
         if 1.0 / _APART < ratio < _APART:
-            if name == "velocity" and _size(logged - of_poses) > 0.5 * size + 10.0 * spread:
+            if name == "velocity" and _alike(logged, of_poses) < _ASTRAY:
                 raise InputError(
                     source,
                     f"'{name}' points elsewhere than the poses move",
@@ -124,3 +127,9 @@ def check_speeds(throws: Throws, source: str | Path) -> None:
 def _size(rows: Array) -> float:
     """Return the median length of vectors. [N, 3]."""
     return float(np.median(np.linalg.norm(rows, axis=1)))
+
+
+def _alike(some: Array, others: Array) -> float:
+    """Return the median cosine between vectors. [N, 3], [N, 3]."""
+    lengths = np.linalg.norm(some, axis=1) * np.linalg.norm(others, axis=1)
+    return float(np.median((some * others).sum(axis=1) / np.maximum(lengths, 1e-12)))

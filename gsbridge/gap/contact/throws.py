@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.columns import Columns, read_table
+from gsbridge.gap.formats.columns import Columns, read_table, refuse_unmatched
 from gsbridge.geometry import Array
 
 FEWEST = 8
@@ -118,11 +118,14 @@ def read_throws(path: str | Path, columns: Mapping[str, str] | None = None, unit
         raise InputError(
             path, "the folder holds no CSV or Parquet file", "One file per throw, or one file with a column 'throw'"
         )
-    digest, items = hashlib.sha256(), []
+    digest, items, unmatched = hashlib.sha256(), [], []
     for file in files:
         table, data = read_table(file, "throws")
         digest.update(data)
-        items += _throws_of(Columns(table, file, columns or {}, units or {}), alone=os.path.isdir(path))
+        read = Columns(table, file, columns or {}, units or {})
+        unmatched.append(read.unmatched())
+        items += _throws_of(read, alone=os.path.isdir(path))
+    refuse_unmatched(columns or {}, unmatched, path)
     return Throws(tuple(items), digest.hexdigest(), path.stem)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +25,7 @@ _FIRST = 4000
 """Number of samples in the first estimate of the period; each further estimate doubles it until all samples are used."""
 
 _FEWEST = 50
-"""Smallest number of samples before the first break from which a steady clock is found."""
+"""Smallest number of samples between two breaks from which a steady clock is found."""
 
 _HOLE, _BREAK = 10, 0.25
 """Time without a sample, in periods and in s (the longer one counts), that breaks the log: commands are unknown in between."""
@@ -93,24 +94,24 @@ def _steady_clock(time: Array) -> Array | None:
     steps = np.diff(time)
     first = float(np.median(steps))
     # Rates are told apart the finer, the longer the part lasts: a pause in it would only add rates to try.
-    holes = np.flatnonzero(steps > max(_HOLE * first, _BREAK))
-    part = time[: min(_FIRST, *(holes[:1] + 1).tolist(), len(time))]
+    holes = np.flatnonzero(steps > max(_HOLE * first, _BREAK)) + 1
+    edges = [0, *holes.tolist(), len(time)]
+    low, high = max(itertools.pairwise(edges), key=lambda ends: ends[1] - ends[0])
+    part = time[low : min(high, low + _FIRST)]
     if len(holes) and len(part) < _FEWEST:
-        return None
-    if np.abs(steps / first - np.round(steps / first)).max() < _RAGGED:
         return None
     span = max(float(part[-1] - part[0]), first)
     rates = np.arange((1.0 - _ASTRAY) / first, (1.0 + _ASTRAY) / first, 0.25 / span)
     agree = [abs(np.exp(2j * np.pi * rate * part).mean()) for rate in rates]
     period = 1.0 / float(rates[int(np.argmax(agree))])
     begin = period * float(np.angle(np.exp(2j * np.pi * part / period).mean())) / (2.0 * np.pi)
-    count = len(part)
+    high = low + len(part)
     while True:
-        ticks = np.round((time[:count] - begin) / period)
-        period, begin = (float(value) for value in np.polyfit(ticks, time[:count], 1))
-        if count == len(time):
+        ticks = np.round((time[low:high] - begin) / period)
+        period, begin = (float(value) for value in np.polyfit(ticks, time[low:high], 1))
+        if high - low == len(time):
             break
-        count = min(2 * count, len(time))
+        low, high = max(0, 2 * low - high), min(2 * high - low, len(time))
     if (np.diff(ticks) < 1.0).any() or np.std(time - begin - period * ticks) < _RAGGED * period:
         return None
     return np.asarray(begin + period * ticks, dtype=np.float64)

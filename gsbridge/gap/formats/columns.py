@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -159,6 +159,26 @@ def _refuse_twice(path: Path, headers: Iterable[str]) -> None:
         raise InputError(path, f"the column '{twice}' stands twice", "Keep one of them, or give the other another name")
 
 
+def refuse_unmatched(names: Mapping[str, str], found: Sequence[Mapping[str, str]], source: str | Path) -> None:
+    """Refuse a case that names a column which none of its files has: a slip would turn into a wrong diagnosis.
+
+    Args:
+        names: Maps our name of a column to the files'.
+        found: Result of `Columns.unmatched` for each file.
+        source: The case, for messages.
+
+    Raises:
+        InputError: A named column is in no file.
+    """
+    for ours, theirs in names.items():
+        if found and all(ours in missing for missing in found):
+            raise InputError(
+                source,
+                f"no record has the column '{theirs}', which the case names for '{ours}'",
+                f"They have: {found[0][ours]}",
+            )
+
+
 def refuse_shared(names: Mapping[str, str], source: str | Path) -> None:
     """Refuse a case that reads two of our columns from one of the log's.
 
@@ -207,17 +227,11 @@ class Columns:
             rows: Rows that are read and returned, from 0; None for all. [T].
 
         Raises:
-            InputError: The case names a column that is not there, the unit is missing, unknown or stated twice differently, or
-                a value is not a number or far too large.
+            InputError: The unit is missing, unknown or stated twice differently, or a value is not a number or far too large.
         """
         headers = self._headers()
         theirs, unit = split_header(self.names.get(ours, ours))
         if theirs not in headers:
-            if ours in self.names:
-                shown = ", ".join(list(headers)[:_LISTED])
-                raise InputError(
-                    self.source, f"there is no column '{theirs}', which the case names for '{ours}'", f"It has: {shown}"
-                )
             return None
         beside = unit if unit is not None else self.units.get(ours, self.units.get(ours.split(".")[0]))
         stated = split_header(headers[theirs])[1]
@@ -256,6 +270,12 @@ class Columns:
                 "Mend or remove such rows",
             )  # fmt: skip
         return values
+
+    def unmatched(self) -> dict[str, str]:
+        """Return the columns that the case names and the table lacks: ours, and what it has instead, for a message."""
+        headers = self._headers()
+        shown = ", ".join(list(headers)[:_LISTED])
+        return {ours: shown for ours, name in self.names.items() if split_header(name)[0] not in headers}
 
     def need(self, ours: str, dimension: str) -> Array:
         """Return a column's values in SI units as `get` does, but refuse a missing column. [T].

@@ -17,14 +17,18 @@ _MOVES = 0.02
 _AGAINST, _APART, _TOGETHER = -0.8, 0.3, 0.95
 """Correlations of a position with a command: opposed below the first, unrelated below the second, following above the third."""
 
-_STRIDE = 0.05
-"""Time over which positions are differenced to compare them with speeds, s, so that their noise does not hide the motion."""
+_STRIDE, _STEPS = 0.05, 4.0
+"""Time over which positions are compared with speeds, in s and in steps between samples (the longer one counts): neither noise
+nor an uneven clock hides the motion then."""
+
+_FAST = 0.2
+"""Speed, rad/s or m/s, that no drive shows as 0: its resolution is finer."""
 
 _ALIKE = 0.8
-"""Correlation of speeds with differenced positions from which on their ratio counts."""
+"""Correlation of the distances by speeds and by positions from which on their ratio counts."""
 
 _RATIO = 2.0
-"""Factor by which speeds may differ from differenced positions: a filter takes something off, a unit much more."""
+"""Factor by which these distances may differ: a filter takes something off, a unit much more."""
 
 _RPM = 30.0 / np.pi
 """Revolutions per minute of 1 rad/s."""
@@ -97,19 +101,27 @@ def check_velocity(record: Record, source: str | Path) -> None:
     pairs = [("velocity", record.measured.get("velocity"), "position", record.measured.get("position"))]
     if not record.torque_commands:
         pairs.append(("command_velocity", record.commands.get("command_velocity"), "command", record.commands.get("command")))
-    stride = max(1, int(_STRIDE / record.period))
+    time = record.time
+    # Over several steps of an uneven log, since a single one may be as long as the motion's own times.
+    span = max(_STRIDE, _STEPS * float(np.quantile(np.diff(time), 0.95)))
+    first = np.flatnonzero(time + span <= time[-1])
+    last = np.searchsorted(time, time[first] + span)
     for kind, speeds, other, places in pairs:
-        if speeds is None or places is None or len(places) <= 2 * stride:
+        if speeds is None or places is None or len(first) < 2:
             continue
-        rates = (places[stride:] - places[:-stride]) / (record.time[stride:] - record.time[:-stride])[:, None]
-        speeds = speeds[stride // 2 : stride // 2 + len(rates)]
-        alike = np.diag(_correlations(speeds, rates))
+        # Distances, not rates: of a fast motion, differences take something off, and sums of speeds take off as much.
+        way = np.concatenate(
+            [np.zeros((1, speeds.shape[1])), np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time)[:, None], axis=0)]
+        )
+        said, seen = way[last] - way[first], places[last] - places[first]
+        alike = np.diag(_correlations(said, seen))
         for k, joint in enumerate(record.joints):
-            if places[:, k].std() <= _MOVES or rates[:, k].std() <= _MOVES:
+            if places[:, k].std() <= _MOVES or seen[:, k].std() <= _MOVES * span:
                 continue
-            if kind == "velocity" and speeds[:, k].std() == 0.0:
+            fast = np.quantile(np.abs(seen[:, k]), 0.95) > _FAST * span
+            if kind == "velocity" and fast and not speeds[:, k].any():
                 raise InputError(
-                    source, f"'velocity.{joint}' is {speeds[0, k] + 0.0:.3g} in every row, while the joint moves",
+                    source, f"'velocity.{joint}' is 0 in every row, while the joint moves",
                     "Leave out all 'velocity' columns if speeds were not measured",
                 )  # fmt: skip
             if alike[k] < -_ALIKE:
@@ -117,7 +129,7 @@ def check_velocity(record: Record, source: str | Path) -> None:
                     source, f"'{kind}.{joint}' runs against '{other}.{joint}' (correlation {alike[k]:.2f})",
                     f"Turn the sign of the one that counts otherwise than the model, or leave out all '{kind}' columns",
                 )  # fmt: skip
-            ratio = float(speeds[:, k].std() / rates[:, k].std())
+            ratio = float(said[:, k].std() / seen[:, k].std())
             if alike[k] > _ALIKE and not 1.0 / _RATIO < ratio < _RATIO:
                 looks = ": it looks like revolutions per minute" if 0.9 < ratio / _RPM < 1.1 else ""
                 raise InputError(

@@ -55,6 +55,7 @@ class Record:
         sliding: Names of the joints that slide; their values are in metres and newtons.
         held: Largest distance from zero, rad or m, of joints that are logged but that the model holds at zero.
         cut: Sentence about the part of the log that was left out while reading; empty if all of it was taken.
+        unmatched: Columns that the case names and the file lacks; see `gsbridge.gap.formats.columns.Columns.unmatched`.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Record:
     sliding: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     cut: str = ""
+    unmatched: Mapping[str, str] = field(default_factory=dict)
 
     def label(self, kind: str, number: int) -> str:
         """Return the name of a channel: `position.joint`, or `tool.x`."""
@@ -181,7 +183,7 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str, h
         columns.need(f"position.{layout.joints[0]}", "angle")
     record = Record(
         path.stem, time - time[0], layout.joints, commands, measured, digest=digest, torque_commands=layout.torque_mode,
-        sliding=layout.sliding, held=_held(columns, layout.held),
+        sliding=layout.sliding, held=_held(columns, layout.held), unmatched=columns.unmatched(),
     )  # fmt: skip
     check_clock(record, path)
     check_degrees(record, path)

@@ -11,7 +11,7 @@ import numpy as np
 from gsbridge.gap.formats.records import Record
 
 _WINDOW = 8
-"""Samples in a row by which a stretch of motion is recognised: a single one may well come twice, at a coarse encoder."""
+"""Places in a row by which a stretch of motion is recognised: a single one may well come twice, at a coarse encoder."""
 
 _SHARED = 0.5
 """Share of a record that may lie in another one, or have its commands, before the user is warned."""
@@ -50,14 +50,17 @@ def _overlap(one: Record, other: Record) -> float:
 
 
 def _stretches(record: Record) -> Counter[bytes]:
-    """Return all stretches of `_WINDOW` samples in which something moves, as bytes of their measurements."""
+    """Return all stretches of `_WINDOW` different places in a row, as bytes of the places and of how long each was held.
+
+    A coarse encoder shows the same places in every motion, but not for the same times.
+    """
     kind = "position" if "position" in record.measured else sorted(record.measured)[0]
     values = np.ascontiguousarray(record.measured[kind])
-    moves = np.abs(np.diff(values, axis=0)).max(axis=1) > 0.0
+    begins = np.concatenate([[0], np.flatnonzero(np.abs(np.diff(values, axis=0)).max(axis=1) > 0.0) + 1])
+    places, held = values[begins], np.diff(np.append(begins, len(values)))
     return Counter(
-        values[first : first + _WINDOW].tobytes()
-        for first in range(len(values) - _WINDOW + 1)
-        if moves[first : first + _WINDOW - 1].any()
+        places[first : first + _WINDOW].tobytes() + held[first + 1 : first + _WINDOW - 1].tobytes()
+        for first in range(len(places) - _WINDOW + 1)
     )
 
 

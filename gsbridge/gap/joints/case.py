@@ -15,7 +15,7 @@ from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.clock import PAUSE, steadied, unbroken
-from gsbridge.gap.formats.columns import refuse_shared
+from gsbridge.gap.formats.columns import refuse_shared, refuse_unmatched
 from gsbridge.gap.formats.following import check_following, check_velocity, differenced
 from gsbridge.gap.formats.kinds import shared_kinds, without
 from gsbridge.gap.formats.logs import read_log
@@ -130,6 +130,7 @@ def _joint_case(path: Path) -> JointCase:
                     "Log motion over the range you care about, with reversals",
                 )
             reasons.append(f"no joint is commanded to move in the record '{role}', which tells little then")
+    refuse_unmatched(content.get("columns") or {}, [record.unmatched for record in records.values()], path)
     if scattered:
         rates = ", ".join(f"{1.0 / records[role].period:.3g} Hz in '{role}'" for role in scattered)
         reasons.append(
@@ -250,6 +251,8 @@ def _read(file: Path, layout: Layout, system: MechanismModel, content: Mapping[s
     # Without a controller, nothing is commanded during a break: only one that is no pause between two runs ends the record.
     record, broken = unbroken(record, file, PAUSE if system.controller.mode == "free" else 0.0)
     record, scatters = steadied(record)
+    # By their times as they count: a logger that stamps late would make speeds look wrong.
+    check_velocity(record, file)
     return record, "; ".join(part for part in (record.cut, broken) if part), scatters
 
 
@@ -301,7 +304,6 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
             source, f"without joint positions nobody knows where mode {system.controller.mode} begins", "Log positions, too"
         )
     check_degrees(record, source, system.limits)
-    check_velocity(record, source)
     if system.controller.closed_loop:
         check_following(record, source)
     stated = {

@@ -41,7 +41,9 @@ def impossible_told(mechanism: Mechanism) -> str:
         mechanism: The mechanism.
     """
     links, told = mechanism.chain.links, []
-    reach = float(sum(np.linalg.norm(pose[:3, 3]) for pose in mechanism.chain.fixed) + np.linalg.norm(mechanism.toe))
+    strokes = [np.abs(mechanism.system.limits[k]).max() for k in mechanism.chain.order[mechanism.chain.slides]]
+    lengths = [*(float(np.linalg.norm(pose[:3, 3])) for pose in mechanism.chain.fixed), float(np.linalg.norm(mechanism.toe))]
+    reach = max(sum(lengths) + sum(strokes), _FAR)
     for name, body in mechanism.skeleton.inertials.items():
         if links[name][0] < 0 or body.mass <= 0.0:
             continue
@@ -50,7 +52,7 @@ def impossible_told(mechanism: Mechanism) -> str:
             told.append(
                 f"{moments[2]:.3g} kg m2 of '{name}' exceed the sum of its other two principal moments, which no body has"
             )
-        elif moments[2] > body.mass * max(reach, _FAR) ** 2:
+        elif moments[2] > body.mass * max(reach, float(np.linalg.norm(body.centre))) ** 2:
             told.append(
                 f"'{name}' turns as if its {body.mass:.3g} kg were {np.sqrt(moments[2] / body.mass):.2g} m from its middle"
             )
