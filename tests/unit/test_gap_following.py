@@ -1,14 +1,17 @@
 """Columns that cannot belong to a joint under feedback control: a wrong sign, another order, the same record twice."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.following import check_following, check_velocity, differenced
 from gsbridge.gap.formats.records import Record
-from gsbridge.gap.formats.shared import shared_motion
+from gsbridge.gap.formats.shared import _overlap, shared_motion
 
 TIME = np.arange(500) / 50
 JOINTS = ("pan", "lift", "elbow")
@@ -61,6 +64,25 @@ def test_records_that_overlap_or_repeat_a_motion_are_told():
     # A joint that rests at a coarse encoder shows the same numbers in every record.
     still, moved = np.zeros_like(COMMAND), np.round(COMMAND, 2)
     assert shared_motion({"fit": record(still, COMMAND), "select": record(moved, COMMAND[::-1])}) == []
+
+
+def stretches(values):
+    """The stretches of a motion by their bytes, as `shared_motion` knows them by numbers."""
+    begins = np.concatenate([[0], np.flatnonzero(np.abs(np.diff(values, axis=0)).max(axis=1) > 0) + 1])
+    places, held = values[begins], np.diff(np.append(begins, len(values)))
+    return Counter(places[k : k + 8].tobytes() + held[k + 1 : k + 7].tobytes() for k in range(len(places) - 7))
+
+
+@given(st.integers(0, 2**31), st.floats(0.0, 1.0), st.integers(1, 3))
+@settings(max_examples=30, deadline=None)
+def test_the_overlap_of_records_is_that_of_their_bytes(seed, share, joints):
+    rng = np.random.default_rng(seed)
+    one, own = (np.round(rng.normal(size=(600, joints)).cumsum(axis=0), 0) for _ in range(2))
+    cut = round(share * 400)
+    other = np.concatenate([one[100 : 100 + cut], own[: 600 - cut]])
+    a, b = stretches(one), stretches(other)
+    rows = [Record("a", np.arange(600) / 100, tuple("abc"[:joints]), {}, {"position": values}) for values in (one, other)]
+    assert _overlap(*rows) == pytest.approx((a & b).total() / min(a.total(), b.total()))
 
 
 @pytest.mark.parametrize(("one", "other"), [(0.05, 0.08), (0.10, 0.15)])
