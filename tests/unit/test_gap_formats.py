@@ -188,38 +188,35 @@ def test_commands_are_those_sent_last(tmp_path):
     np.testing.assert_allclose(record.commands["command"][:, 0] - motion()[:-1, 0], np.arange(len(TIME) - 1), atol=1e-9)
 
 
-def test_ros_messages_carry_their_units(tmp_path):
-    """Written by the ROS package itself; no unit is stated anywhere."""
+def write_ros_mcap(path, sent):
+    """Joint states and commanded ones, written by the ROS package itself; `sent` gives the command of each sample."""
     writer_module = pytest.importorskip("mcap_ros2.writer")
-    with open(tmp_path / "log.mcap", "wb") as stream:
+    with open(path, "wb") as stream:
         writer = writer_module.Writer(stream)
         schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
         for k in range(len(TIME)):
             nanos = round((200 + TIME[k]) * 1e9)
             writer.write_message("/joint_states", schema, states(k), nanos, nanos, k)
-            writer.write_message("/joint_commands", schema, states(k, 0.01), nanos, nanos, k)
+            writer.write_message("/joint_commands", schema, sent(k), nanos, nanos, k)
         writer.finish()
-    record = read_log(f"{tmp_path / 'log.mcap'}#/joint_states,/joint_commands", Layout(JOINTS))
+    return f"{path}#/joint_states,/joint_commands"
+
+
+def test_ros_messages_carry_their_units(tmp_path):
+    """No unit is stated anywhere."""
+    log = write_ros_mcap(tmp_path / "log.mcap", lambda k: states(k, 0.01))
+    record = read_log(log, Layout(JOINTS))
     np.testing.assert_allclose(record.measured["position"], motion(), atol=1e-12)
     np.testing.assert_allclose(record.commands["command"], motion() + 0.01, atol=1e-12)
     # For a sliding joint, ROS gives metres.
-    slid = read_log(f"{tmp_path / 'log.mcap'}#/joint_states,/joint_commands", Layout(JOINTS, sliding=("elbow",)))
+    slid = read_log(log, Layout(JOINTS, sliding=("elbow",)))
     np.testing.assert_array_equal(slid.measured["position"], record.measured["position"])
 
 
 def test_commanded_torques_of_ros_are_commands_where_torques_drive(tmp_path):
     """One kind of message holds positions, speeds and efforts; a mechanism in mode `torque` is driven by the last alone."""
-    writer_module = pytest.importorskip("mcap_ros2.writer")
-    with open(tmp_path / "log.mcap", "wb") as stream:
-        writer = writer_module.Writer(stream)
-        schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
-        for k in range(len(TIME)):
-            nanos = round((200 + TIME[k]) * 1e9)
-            writer.write_message("/joint_states", schema, states(k), nanos, nanos, k)
-            sent = states(k, 0.01) | {"effort": [3.0 + k, 4.0 - k]}
-            writer.write_message("/joint_commands", schema, sent, nanos, nanos, k)
-        writer.finish()
-    log, order = f"{tmp_path / 'log.mcap'}#/joint_states,/joint_commands", list(states(0)["name"])
+    log = write_ros_mcap(tmp_path / "log.mcap", lambda k: states(k, 0.01) | {"effort": [3.0 + k, 4.0 - k]})
+    order = list(states(0)["name"])
     driven = read_log(log, Layout(JOINTS, torque_mode=True))
     wanted = np.stack([3.0 + np.arange(len(TIME)), 4.0 - np.arange(len(TIME))], axis=1)
     np.testing.assert_array_equal(driven.commands["command"], wanted[:, [order.index(joint) for joint in JOINTS]])
