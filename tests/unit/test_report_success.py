@@ -49,7 +49,9 @@ def test_a_users_own_file_needs_three_columns(tmp_path):
         ("", "no trial"),
         ("pose_set,index,success\n", "no trial"),
         ("pose_set,index\nfixed,1\n", "success are missing"),
-        ("pose_set;index;success\nfixed;1;true\n", "pose_set, index, success are missing"),
+        ("pose_set;index;success\nfixed;1;true\n", "separated by semicolons"),
+        ("pose_set\tindex\tsuccess\nfixed\t1\ttrue\n", "separated by tabs"),
+        ("pose_set,index,success, success\nfixed,1,true,false\n", "more than one column is called success"),
         ("pose_set,index,success\nfixed,1,true\nseen,2,true\n", "line 3: pose_set is 'seen'"),
         ("pose_set,index,success\nfixed,32,true\n", "line 2: index is '32'"),
         ("pose_set,index,success\nfixed,-1,true\n", "line 2: index is '-1'"),
@@ -77,7 +79,8 @@ def test_missing_and_binary_files_are_named(tmp_path):
     with pytest.raises(InputError, match="do not exist"):
         read_trials(tmp_path / "none.csv")
     (tmp_path / "table.csv").write_bytes(b"PK\x03\x04\xff\xfe\x00")
-    with pytest.raises(InputError, match="no CSV"):
+    # Nobody can run a rule again that would make a table of trials on a robot.
+    with pytest.raises(InputError, match=r"no CSV.*Save the table as comma-separated values in UTF-8"):
         read_trials(tmp_path / "table.csv")
 
 

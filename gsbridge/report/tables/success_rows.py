@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -36,6 +37,7 @@ STRICT_WORLD = "sim"
 
 _WORDS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 _REMEDY = "Write one row per trial below the header `pose_set,index,success`"
+_SAVE = "Save the table as comma-separated values in UTF-8"
 
 
 @dataclass(frozen=True)
@@ -85,9 +87,10 @@ def read_trials(path: str | Path) -> Trials:
             `quadrant` follows from the pose's index.
 
     Raises:
-        InputError: A column is missing, a value makes no sense, a start pose appears twice, or there is no trial.
+        InputError: The file is no comma-separated text, a column is missing or stands twice, a value makes no sense, a start
+            pose appears twice, or there is no trial.
     """
-    rows = [{name.strip(): value.strip() for name, value in row.items()} for row in read_rows(path)]
+    rows = [{name.strip(): value.strip() for name, value in row.items()} for row in _rows_written_by_people(path)]
     if not rows:
         raise InputError(path, "there is no trial in it", _REMEDY)
     missing = [name for name in REQUIRED if name not in rows[0]]
@@ -101,6 +104,22 @@ def read_trials(path: str | Path) -> Trials:
         shown = ", ".join(twice[:4]) + (f" and {len(twice) - 4} more" if len(twice) > 4 else "")
         raise InputError(path, f"start poses stand twice: {shown}", "Keep one trial of each start pose")
     return Trials(**{name: np.array([trial[name] for trial in trials]) for name in Trials.__dataclass_fields__})
+
+
+def _rows_written_by_people(path: str | Path) -> list[Row]:
+    """Read the rows of a table that people may have written: no rule makes such a file again, so none is to be deleted."""
+    try:
+        rows = read_rows(path)
+    except InputError as error:
+        raise InputError(path, error.problem, _SAVE) if Path(path).is_file() else error from error
+    with Path(path).open(newline="", encoding="utf-8-sig") as stream:
+        names = [name.strip() for name in next(csv.reader(stream), [])]
+    if len(names) == 1 and (mark := next((mark for mark in (";", "\t") if mark in names[0]), None)):
+        raise InputError(path, f"its columns are separated by {'semicolons' if mark == ';' else 'tabs'}", _SAVE)
+    twice = sorted(name for name, count in Counter(names).items() if name and count > 1)
+    if twice:
+        raise InputError(path, f"more than one column is called {', '.join(twice)}", "Keep one column of each name")
+    return rows
 
 
 def _trial(path: str | Path, line: int, row: Row) -> dict[str, Any]:
