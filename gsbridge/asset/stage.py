@@ -18,6 +18,7 @@ from gsbridge.asset.hulls import decompose, filled_depth, hull_mesh, inset, seat
 from gsbridge.asset.photos import AssetPhotos, compare_with_photos
 from gsbridge.asset.relief import RELIEF_URDF, find_relief, simplified
 from gsbridge.asset.rim import find_rim
+from gsbridge.asset.solid import choose_solid
 from gsbridge.asset.urdf import write_body_urdf, write_obj
 from gsbridge.configuration.asset import AssetSettings
 from gsbridge.errors import InputError
@@ -43,8 +44,6 @@ _LARGEST_BACKGROUND = 5.0
 _FILLED = 1.5
 """Hulls may fill dents up to the concavity in the settings; a depth of more than this many times the concavity means that there
 were too few hulls."""
-_HULL_EXCESS_MM = 3.0
-"""The outlines' hull is larger than the surface in dents and under overhangs; more than this on a whole side is logged."""
 
 
 @dataclass(frozen=True)
@@ -190,26 +189,6 @@ def _check_place(cloud: Cloud, visual: Mesh, inputs: AssetInputs) -> None:
         )
 
 
-def _solid(visual: Mesh, collision: Mesh, inputs: AssetInputs) -> tuple[str, Mesh, list[str]]:
-    """Choose the mesh that defines the body: the visual one if it is closed, else the hull of the outlines."""
-    if visual.is_watertight() and visual.volume() > 0:
-        low = 1e3 * np.maximum(visual.vertices.min(0) - collision.vertices.min(0), 0)
-        high = 1e3 * np.maximum(collision.vertices.max(0) - visual.vertices.max(0), 0)
-        if max(low.max(), high.max()) > _HULL_EXCESS_MM:
-            logger.info(
-                "the outlines' hull stands out %s mm beyond the surface at -x, -y, -z and %s mm at +x, +y, +z",
-                *(np.round(excess, 1) for excess in (low, high)),
-            )
-        return "visual", visual, []
-    if collision.is_watertight() and collision.volume() > 0:
-        return "collision", collision, ["the visual mesh is not watertight; the body is the hull of the outlines"]
-    raise InputError(
-        inputs.visual,
-        f"neither this mesh nor {inputs.collision} is watertight, so they have no volume",
-        "Run the mesh stage again",
-    )
-
-
 def _standing(solid: Mesh, path: str | Path, floating: float) -> tuple[Array, list[str]]:
     """`body_from_table`, with a small gap to the table closed and noted."""
     pose = body_from_table(solid)
@@ -235,10 +214,10 @@ def _build_object(
     seed: int,
 ) -> tuple[Array, list[str], dict[str, Any]]:
     """Hulls, URDF and figures of a rigid body; returns `body_from_table`, reasons and figures."""
-    which, solid, reasons = _solid(visual, collision, inputs)
-    pose, more = _standing(solid, inputs.visual if which == "visual" else inputs.collision, settings.floating)
-    reasons += more
-    solid = Mesh(solid.vertices + pose[:3, 3], solid.faces)
+    chosen = choose_solid(visual, collision, inputs.visual, inputs.collision)
+    pose, more = _standing(chosen.mesh, inputs.visual if chosen.which == "visual" else inputs.collision, settings.floating)
+    reasons = [*chosen.reasons, *more]
+    solid = Mesh(chosen.mesh.vertices + pose[:3, 3], chosen.mesh.faces)
     properties = mass_properties(solid, density)
     parts = decompose(solid, concavity=settings.concavity, most=settings.most_hulls, seed=seed)
     hulls = [simplify(part, settings.hull_tolerance, settings.hull_vertices) for part in seat(parts, settings.foot)]
@@ -275,7 +254,7 @@ def _build_object(
         pose,
         reasons,
         {
-            "solid": which,
+            "solid": chosen.which,
             "rim": None if rim is None else asdict(rim),
             "body": {**asdict(properties), "density": density},
             "hulls": {
