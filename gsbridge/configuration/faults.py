@@ -117,8 +117,21 @@ def explain(model: type[BaseModel], error: ValidationError, source: str) -> Inpu
 
 def _most_telling(faults: list[tuple[_Place, ErrorDetails]]) -> tuple[_Place, ErrorDetails]:
     """Choose the alternative that the user meant where none fits: one of the words for a text, else the number."""
-    words = [fault for fault in faults if fault[1]["type"] == "literal_error" and isinstance(fault[1]["input"], str)]
-    return (words or faults)[0]
+    # Numbers on the command line arrive as text.
+    words = [fault for fault in faults if fault[1]["type"] == "literal_error" and _is_word(fault[1]["input"])]
+    others = [fault for fault in faults if fault[1]["type"] != "literal_error"]
+    return (words or others or faults)[0]
+
+
+def _is_word(given: object) -> bool:
+    """True for a text that is no number."""
+    if not isinstance(given, str):
+        return False
+    try:
+        float(given)
+    except ValueError:
+        return True
+    return False
 
 
 def _sentences(place: _Place, details: ErrorDetails) -> tuple[str, str]:
@@ -139,7 +152,8 @@ def _sentences(place: _Place, details: ErrorDetails) -> tuple[str, str]:
         case "string_pattern_mismatch":
             return "the name becomes a folder and may hold only a-z, 0-9 and _, a letter first", "Rename it"
         case "literal_error":
-            return f"'{value}' is not possible", f"{near(value, place.choices)}Give one of: {listed(place.choices)}"
+            number = ", or a number" if {int, float} & set(_alternatives(place.kind)) else ""
+            return f"'{value}' is not possible", f"{near(value, place.choices)}Give one of: {listed(place.choices)}{number}"
         case "fault":
             return context["problem"], context["remedy"]
     if kind in _RANGES:

@@ -114,7 +114,9 @@ def test_the_call_of_the_docs_is_understood():
         ("grasp_policy", {"image_size": "100"}, "grasp_policy.image_size: '100' is not possible. Give one of: 64, 128"),
         ("grasp_policy", {"eval_poses": 30}, "grasp_policy.eval_poses: 30 is no multiple of 4. Start poses"),
         ("grasp_policy", {"critic_batch": 16}, "grasp_policy: critic_batch is 16. Give at least the actor's 128"),
-        ("object_splats", {"offset_band": "scenes"}, "'scenes' is not possible. Did you mean 'scene'? Give one of: scene"),
+        ("object_splats", {"offset_band": "scenes"}, "Did you mean 'scene'? Give one of: scene, or a number"),
+        # A number of the command line, out of range: the word that may stand there, too, is no answer to it.
+        ("object_splats", {"offset_band": "10"}, "offset_band: 10 is greater than the maximum of 1"),
         ("object_splats", {"offset_band": 2}, "object_splats.offset_band: 2 is greater than the maximum of 1. Largest offset"),
         ("object_splats", {"focus_centre": [0, 1, 2]}, "object_splats.focus_centre"),
         ("object_splats", {"focus_centre": ["a", 1]}, "object_splats.focus_centre.0: 'a' is no number. Middle of that square"),
