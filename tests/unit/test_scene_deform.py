@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 import trimesh
+from doc_blocks import ROOT, blocks
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import rotation_from_quat
 from gsbridge.meshes import Mesh
 from gsbridge.scene.deform import bend, bulge, deform, pull, sequence, shift_only, twist
 from gsbridge.scene.editing import Composition
-from gsbridge.splats.binding import create_binding
+from gsbridge.splats.binding import create_binding, read_binding, write_binding
+from gsbridge.splats.ply import read_ply
 
 
 def column() -> Mesh:
@@ -163,3 +165,15 @@ def test_unbound_splats_and_bad_deformations_are_refused():
     rest = binding.vertices.copy()
     deform(binding, lambda vertices: vertices.__imul__(2.0))
     np.testing.assert_array_equal(binding.vertices, rest)
+
+
+def test_the_page_s_own_deformation_leans_the_splats(tmp_path, monkeypatch):
+    (text,) = blocks(ROOT / "docs/splats.md", "python")
+    path = tmp_path / "results/scenes/mug/splats/soft/binding.npz"
+    path.parent.mkdir(parents=True)
+    write_binding(path, create_binding("soft", column(), 2, band=0.01, seed=0))
+    monkeypatch.chdir(tmp_path)
+    exec(compile(text, "splats", "exec"), {})
+    rest, leaning = read_binding(path).evaluate(), read_ply(tmp_path / "leaning.ply")
+    # A shear is the same for a splat as for the face it lies on.
+    np.testing.assert_allclose(leaning.means - rest.means, 0.3 * rest.means[:, 2:] * [1, 0, 0], atol=1e-5)
