@@ -192,6 +192,11 @@ def workspace_capture(wildcards):
     return PLAN.board_folder(value) if kind == "capture" else []
 
 
+def workspace_listing(wildcards):
+    """Files of the board capture; none for a world of the mirror, whose capture a rule makes."""
+    return [] if hasattr(wildcards, "world") else PLAN.board_listing()
+
+
 def workspace_background(wildcards):
     """Asset of the table on which the board was photographed; nothing where it is none of the scenes."""
     background = config["workspace"]["background"]
@@ -370,6 +375,15 @@ def gap_case_files(wildcards):
     if wildcards.case in LOOP.cases:
         return LOOP.case_files(wildcards.case)
     return [local(PLAN.portable(path)) for path in case_files(gap_case(wildcards))]
+
+
+@told()
+def gap_listing(wildcards):
+    """Contents of the files of a case; none for the loop's cases, which the workflow makes."""
+    if wildcards.case in LOOP.cases:
+        return []
+    case = Path(gap_case(wildcards))
+    return PLAN.listing([case, *case_files(case)], case.parent, f"gap/{wildcards.case}")
 
 
 @told()

@@ -28,6 +28,7 @@ rule read_gap_records:
         runtime="10m",
     params:
         code=script_digest("read_gap_records"),
+        listing=gap_listing,
     message:
         "Read and check the records of {wildcards.case}"
     script:

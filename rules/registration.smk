@@ -59,6 +59,7 @@ rule register_workspace:
         code=script_digest("register_workspace"),
         settings=settings("registration"),
         source=config["workspace"]["source"],
+        listing=workspace_listing,
         board=config["workspace"]["board"],
         scale=config["workspace"]["scale"],
         seed=SEED,

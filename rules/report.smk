@@ -105,6 +105,11 @@ rule collect_success:
     params:
         code=script_digest("collect_success"),
         robot=lambda wildcards: TABLES.table_robot_trials(wildcards.table),
+        listing=lambda wildcards: PLAN.listing(
+            TABLES.table_robot_trials(wildcards.table).values(),
+            ".",
+            f"trials/{wildcards.table}",
+        ),
     message:
         "Collect the successes: {wildcards.table}"
     script:
@@ -130,6 +135,9 @@ rule collect_failures:
     params:
         code=script_digest("collect_failures"),
         robot=TABLES.robot_trials(TABLES.policies),
+        listing=PLAN.listing(
+            TABLES.robot_trials(TABLES.policies).values(), ".", "trials/all"
+        ),
     message:
         "Collect how trials ended"
     script:

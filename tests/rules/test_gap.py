@@ -1,5 +1,6 @@
 """Cases of the gap and their benchmark, as users run them; bad input ends with one sentence and leaves nothing behind."""
 
+import os
 import re
 from pathlib import Path
 
@@ -63,6 +64,21 @@ def test_a_case_is_named_by_its_file_alone(snakemake, tmp_path, kind):
     plan = snakemake("--dry-run", "--directory", str(tmp_path / "run"), "--config", f"gap_case={case}", "--", "gap").stdout
     assert planned(plan) == {*STEPS, "record_gap", "collect_gap", "gap"}
     assert "results/gap/my_axis/report.html" in plan
+
+
+def test_an_older_log_in_the_place_of_a_newer_one_is_read(snakemake, tmp_path):
+    """As when the second of two recordings is moved over the first: its date is before that of the results."""
+    header, rows = table(900)
+    case = write_case(tmp_path / "axis", header, rows)
+    asked = ["--cores", "1", "--directory", str(tmp_path / "run"), "--config", f"gap_case={case}", "--"]
+    snakemake(*asked, "results/gap/axis/records.json")
+    again = ["--dry-run", *asked, "results/gap/axis/records.json"]
+    assert "Nothing to be done" in snakemake(*again).stdout
+    second = tmp_path / "second.csv"
+    np.savetxt(second, rows * [1, 1, 1.01, 1], delimiter=",", header=",".join(header), comments="")
+    os.utime(second, (1e9, 1e9))
+    second.replace(case.parent / "log.csv")
+    assert planned(snakemake(*again).stdout) == {"read_gap_records"}
 
 
 def test_throws_give_the_model_that_a_policy_learns_with(snakemake, tmp_path):

@@ -216,6 +216,32 @@ def test_captures_are_named_as_they_may_be_moved(plan, tmp_path):
     assert below.portable("/elsewhere/a.csv") == "/elsewhere/a.csv"
 
 
+def test_a_video_s_contents_count_and_not_its_date(plan, tmp_path):
+    video = tmp_path / "mug.mp4"
+    video.write_text("first take")
+    first = plan.source_listing("mug")
+    video.write_text("the second take, which was filmed before")
+    os.utime(video, (1e9, 1e9))
+    assert [[name for name, _ in listing] for listing in (first, plan.source_listing("mug"))] == [["mug.mp4"]] * 2
+    assert plan.source_listing("mug") != first
+
+
+def test_the_board_s_photos_and_poses_count_unless_a_rule_makes_them(plan, config, tmp_path):
+    config["workspace"] = {"source": {"mirror": {}}}
+    assert plan.board_listing() == []
+    config["workspace"] = {"source": {"capture": "board"}}
+    (tmp_path / "board").mkdir()
+    (tmp_path / "board/arm.csv").write_text("0.jpg")
+    assert [name for name, _ in plan.board_listing()] == ["arm.csv"]
+
+
+def test_results_are_no_files_of_the_user(plan, tmp_path):
+    (tmp_path / "results/loop").mkdir(parents=True)
+    for name in ("results/loop/model.yaml", "own.yaml"):
+        (tmp_path / name).write_text(name)
+    assert [name for name, _ in plan.listing(["own.yaml", "results/loop/model.yaml", "gone.yaml"], ".", "x")] == ["own.yaml"]
+
+
 def test_a_capture_that_is_gone_is_named(plan):
     with pytest.raises(InputError, match=r"scenes\.mug\.source\.video: there is neither .*mug\.mp4 nor "):
         plan.scene_source("mug")
