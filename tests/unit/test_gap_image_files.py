@@ -19,6 +19,7 @@ from gsbridge.files import read_json
 from gsbridge.gap.benchmark.images import film, hidden_pairs, image_site
 from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.files import case_files
+from gsbridge.gap.image.doubts import shared_photos
 from gsbridge.gap.image.files import read_pairs
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.gap.image.workflow import amend_camera, write_image_findings
@@ -92,6 +93,18 @@ def test_one_day_against_itself_keeps_the_later_photo_out_of_the_noise(folder):
     assert np.abs(pairs["fit"].after - pairs["fit"].again).max() > 0
 
 
+def test_pictures_that_stand_for_two_views_are_told(copy):
+    assert shared_photos(read_pairs(*parts(copy))) == ()
+    shutil.copy(copy / "after/fit-0_0.png", copy / "after/verify-2_0.png")
+    shutil.copy(copy / "after/select-0_0.png", copy / "after/select-3_0.png")
+    shutil.copy(copy / "before/verify-1_0.png", copy / "after/verify-1_0.png")
+    assert shared_photos(read_pairs(*parts(copy))) == (
+        "two views of 'select' share a picture, so that it proves nothing: take other photos",
+        "a later photo of 'verify' is a copy of an earlier one",
+        "'fit' and 'verify' share a picture, so that it proves nothing: take other photos",
+    )
+
+
 def edit(copy, change):
     content = json.loads((copy / "views/views.json").read_text())
     change(content)
@@ -128,13 +141,64 @@ def spoil_camera(copy):
     edit(copy, lambda content: content["camera"].pop("fx"))
 
 
+def write_depths(copy, change):
+    with np.load(copy / "views/depths.npz") as content:
+        depths = content["depths"]
+    np.savez(copy / "views/depths.npz", depths=change(depths))
+
+
+def roughen_depths(copy):
+    """As a depth camera gives them: right to a percent, but each pixel by itself."""
+    write_depths(copy, lambda depths: depths * (1 + 0.01 * np.random.default_rng(0).standard_normal(depths.shape)))
+
+
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def read_poses_as(copy, convention):
+    """Write the poses of all views by another convention."""
+
+    def change(content):
+        for view in content["views"]:
+            view["cam_from_world"] = convention(np.array(view["cam_from_world"])).tolist()
+
+    edit(copy, change)
+
+
+def in_millimetres(pose):
+    return np.block([[pose[:3, :3], 1e3 * pose[:3, 3:]], [pose[3:]]])
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
         (spoil_pose, ["views.json", "'fit-3' has no pose", "cam_from_world"]),
-        (spoil_role, ["views.json", "'fit-3' has no role", "verify"]),
+        (spoil_role, ["views.json", "'fit-3' has no such role: 'train'", "verify"]),
+        (lambda copy: edit(copy, lambda c: c["views"][3].pop("role")), ["views.json", "'fit-3' has no role", "verify"]),
         (spoil_name, ["views.json", "two views are called 'fit-2'"]),
         (spoil_camera, ["views.json", "camera"]),
+        (lambda copy: edit(copy, lambda c: c["camera"].update(k1=-0.3)), ["views.json", "'k1' is no key of its 'camera'"]),
+        (lambda copy: edit(copy, lambda c: c["camera"].update(fx=2.1, fy=2.1)), ["views.json", "a focal length fx of 2.1 px"]),
+        (lambda copy: edit(copy, lambda c: c["camera"].update(cx=999)), ["views.json", "a principal point at cx = 999 px"]),
+        (lambda copy: shutil.rmtree(copy / "before"), ["before", "the folder of photos does not exist"]),
+        (
+            lambda copy: [(copy / f"before/fit-1_{k}.png").rename(copy / f"before/fit-1_{k}.jpg") for k in range(SHOTS)],
+            ["0 photos of the view 'fit-1'; fit-1_0.jpg is not called", "fit-1_0.png"],
+        ),
+        (
+            lambda copy: shutil.copy(copy / "before/fit-1_0.png", copy / "before/fit-1_2.png"),
+            ["fit-1_2.png", "the same picture as fit-1_0.png", "noise"],
+        ),
+        (roughen_depths, ["before, fit", "only 0.0 % of the pixels can be compared", "Smooth"]),
+        (lambda copy: read_poses_as(copy, lambda pose: FLIP @ pose), ["views.json", "do not fit each other", "OpenGL's axes"]),
+        (lambda copy: read_poses_as(copy, np.linalg.inv), ["views.json", "they seem to be world_from_cam ("]),
+        (
+            lambda copy: read_poses_as(copy, lambda pose: np.linalg.inv(FLIP @ pose)),
+            ["views.json", "they seem to be world_from_cam, with OpenGL's axes"],
+        ),
+        (lambda copy: read_poses_as(copy, in_millimetres), ["views.json", "their translations seem to be in millimetres"]),
+        (lambda copy: write_depths(copy, lambda depths: 1e3 * depths), ["views.json", "the depths seem to be in millimetres"]),
+        (lambda copy: read_poses_as(copy, lambda pose: np.eye(4)), ["views.json", "all views have one and the same pose"]),
         (lambda copy: (copy / "after/select-1_0.png").unlink(), ["select-1_0.png", "does not exist"]),
         (lambda copy: (copy / "before/select-1_2.png").unlink(), ["before", "some views have 2 photos, others 3"]),
         (lambda copy: [(copy / f"before/fit-1_{k}.png").unlink() for k in (1, 2)], ["1 photos of the view 'fit-1'"]),

@@ -17,6 +17,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.gap.formats.yaml_file import read_case_file
 from gsbridge.gap.image.diagnose import few_photos, unsteady
+from gsbridge.gap.image.doubts import shared_photos
 from gsbridge.gap.image.files import REGISTRATION, read_pairs, read_splat_pairs
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.geometry import Array
@@ -77,9 +78,10 @@ def read_image_case(path: str | Path) -> ImageCase:
     places = [path.parent / given[key] for key in folders]
     if folders is _DRAWN:
         registration, later = read_splat_pairs(*places, shot=shot)
-        return ImageCase(model, later, names, few_photos(registration), registration)
+        reasons = (*few_photos(registration), *shared_photos(later))
+        return ImageCase(model, later, names, reasons, registration)
     pairs = read_pairs(*places, shot=shot)
-    return ImageCase(model, pairs, names, unsteady(pairs))
+    return ImageCase(model, pairs, names, (*unsteady(pairs), *shared_photos(pairs)))
 
 
 def save_pairs(path: str | Path, pairs: Mapping[str, Pairs]) -> None:

@@ -23,9 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, given_camera
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.image.doubts import check_compared, check_poses, check_repeats
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.geometry import Array
 from gsbridge.given import read_given_json
@@ -34,6 +35,7 @@ from gsbridge.reading import refusing, regular_file
 from gsbridge.tasks.views import DEPTHS, VIEWS
 
 _PAGE = "See docs/gap_images.md"
+_PICTURES = (".png", ".jpg", ".jpeg", ".heic", ".webp", ".tif", ".tiff", ".bmp")
 
 _MEMBER = "depths.npy"
 _LARGEST_NUMBER = 16
@@ -71,11 +73,12 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
             if len(shots) < 2:
                 raise InputError(
                     before,
-                    f"there are {len(shots)} photos of the view '{name}'",
-                    "Take two or more before anything changes",
+                    f"there are {len(shots)} photos of the view '{name}'{_misnamed(before, name)}",
+                    f"Take two or more before anything changes, and call them {name}_0.png, {name}_1.png, ...",
                 )
             paths = [*shots, after / f"{name}_{shot}.png"]
             photos = [_photo(path, camera) for path in paths]
+            check_repeats(dict(zip(shots, photos, strict=False)))
             for path in paths:
                 digest.update(path.read_bytes())
             first.append(photos[0])
@@ -94,6 +97,8 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
             camera, np.stack(first), np.stack(again), np.stack(later), depths[chosen], poses,
             repeats=repeats.pop(), name=f"{before}, {role}", digest=digest.hexdigest(),
         )  # fmt: skip
+    check_compared(out)
+    check_poses(out, views / VIEWS)
     return out
 
 
@@ -133,6 +138,8 @@ def read_splat_pairs(
         )  # fmt: skip
 
     later = {role: drawn(chosen, after, shot, role) for role, chosen in _by_role(rows, views).items()}
+    check_compared(later)
+    check_poses(later, views / VIEWS)
     return drawn(early, registration, 0, "registration"), later
 
 
@@ -156,10 +163,12 @@ def _shots(folder: Path, name: str) -> dict[int, Path]:
     """Return the photos of a view by their number.
 
     Raises:
-        InputError: Two photos have the same number.
+        InputError: The folder does not exist, or two photos have the same number.
     """
+    if not folder.is_dir():
+        raise InputError(folder, "the folder of photos does not exist", f"Correct its name. {_PAGE}")
     pattern, out = re.compile(re.escape(name) + r"_(\d+)\.png"), {}
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+    for path in sorted(folder.iterdir()):
         found = pattern.fullmatch(path.name)
         if found is None:
             continue
@@ -169,15 +178,22 @@ def _shots(folder: Path, name: str) -> dict[int, Path]:
     return out
 
 
+def _misnamed(folder: Path, name: str) -> str:
+    """Say which file of the folder looks like a photo of a view, but is not called like one; empty if none does."""
+    near = [path.name for path in sorted(folder.iterdir()) if path.name.startswith(name) and path.suffix.lower() in _PICTURES]
+    wrong = [file for file in near if not re.fullmatch(re.escape(name) + r"_\d+\.png", file)]
+    return f"; {wrong[0]} is not called as they must be" if wrong else ""
+
+
 def _camera(content: Any, source: Path) -> Camera:
-    try:
-        camera = Camera.from_json(content["camera"])
-    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-        raise InputError(source, f"its 'camera' is no camera ({error})", "Give width, height, fx, fy, cx, cy") from error
-    numbers = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)
-    if min(camera.width, camera.height, camera.fx, camera.fy) <= 0 or not np.isfinite(numbers).all():
-        raise InputError(source, "its 'camera' has no size or no focal length", "Give width, height, fx, fy, cx, cy in pixels")
-    return camera
+    given = content.get("camera") if isinstance(content, dict) else None
+    wanted = tuple(Camera(1, 1, 1.0, 1.0, 0.0, 0.0).to_json())
+    if not isinstance(given, dict):
+        raise InputError(source, "its 'camera' is no camera", f"Give {', '.join(wanted[:-1])} in pixels. {_PAGE}")
+    for key in given:
+        if key not in wanted:
+            raise InputError(source, f"'{key}' is no key of its 'camera'", f"Give only {', '.join(wanted)}. {_PAGE}")
+    return given_camera(given, source, "Give width, height, fx, fy, cx, cy in pixels")
 
 
 def _rows(content: Any, source: Path) -> Sequence[dict[str, Any]]:
@@ -188,8 +204,10 @@ def _rows(content: Any, source: Path) -> Sequence[dict[str, Any]]:
     out, names = [], set()
     for number, item in enumerate(found):
         name = str(item.get("name", number)) if isinstance(item, dict) else str(number)
-        if not isinstance(item, dict) or item.get("role") not in (*ROLES, REGISTRATION):
-            raise InputError(source, f"the view '{name}' has no role", f"Give one of {', '.join(ROLES)}")
+        role = item.get("role") if isinstance(item, dict) else None
+        if role not in (*ROLES, REGISTRATION):
+            what = "has no role" if role is None else f"has no such role: {role!r}"
+            raise InputError(source, f"the view '{name}' {what}", f"Give one of {', '.join(ROLES)}")
         if name in names:
             raise InputError(source, f"two views are called '{name}'", "Give each a name of its own")
         names.add(name)

@@ -24,6 +24,12 @@ from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
 
+_EDGE = 0.01
+"""Distance from a bound, as a share of the range, within which a parameter counts as stopped by it."""
+
+_PLACES = ("x", "y", "radius")
+"""Parameters that say where an effect acts, if they are no amplitudes; hard edges and flicker may be at their bounds."""
+
 _BESIDE = 3
 """Number of further effects that are tried in addition to an explanation."""
 
@@ -197,7 +203,8 @@ class ImageIdentification:
         remains = p_remaining < rules.alarm
         names: tuple[str, ...] = ()
         first = closed(self.start, best.first, self.first.numbers / self.start.size)
-        poor = min(best.closure, first) < rules.closure
+        least = rules.closure if len(best.fit.who) == 1 else rules.several
+        poor = min(best.closure, first) < least or _cornered(best.fit)
         if best.fit.stopped or best.fit.blurred or (remains and poor):
             verdict = "none_of_the_known"
         elif found.near or found.chances[0] < rules.sure:
@@ -216,6 +223,17 @@ class ImageIdentification:
         """Widen a fit's standard deviations by the known error of the effects' models."""
         law = np.sqrt(self.first.model_tolerance * max(_squares(self.start) - self.first.numbers, 0.0))
         return replace(found, deviations=found.deviations * np.hypot(1.0, law))
+
+
+def _cornered(found: EffectFit) -> bool:
+    """Whether the place or the size of an effect stopped at a bound: a spot beyond the picture mimics something else."""
+    return any(
+        min(values[parameter.name] - parameter.low, parameter.high - values[parameter.name])
+        <= _EDGE * (parameter.high - parameter.low)
+        for candidate, values in zip(found.who, found.values, strict=True)
+        for parameter in candidate.effect.parameters
+        if parameter.name in _PLACES and not parameter.amplitude
+    )
 
 
 def _squares(residual: Array) -> float:

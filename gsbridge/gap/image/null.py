@@ -76,9 +76,11 @@ class ImageNull:
 
     Args:
         sums: Test statistics of each replicate, as from the function `sums`. [R, K].
+        white: Their expectation for white noise. [K].
     """
 
     sums: Array
+    white: Array
 
     @classmethod
     def of(cls, view: ImageResiduals, rng: np.random.Generator, replicates: int = REPLICATES) -> ImageNull:
@@ -90,7 +92,10 @@ class ImageNull:
             replicates: Number of replicates to draw.
         """
         filled = filled_blocks(view)
-        return cls(np.stack([sums(view, view.replicate(rng), filled) for _ in range(replicates)]))
+        counts = [(weight >= _FILLED * scale**2).sum() for part in filled for scale, weight in zip(SCALES, part, strict=True)]
+        # Three colours and their sum at each scale. The part about the photos' noise is never free of noise.
+        white = np.concatenate([np.repeat(counts, 4), np.zeros(3)]).astype(np.float64)
+        return cls(np.stack([sums(view, view.replicate(rng), filled) for _ in range(replicates)]), white)
 
     def p_value(self, view: ImageResiduals, table: Array) -> float:
         """Return the probability that noise alone gives a largest statistic as extreme as here. [N * h + N, 3 * w]."""
@@ -100,11 +105,14 @@ class ImageNull:
     def _surprise(self, found: Array) -> Array:
         """Return minus the log p-value of each sum of squares, so that sums of few and many squares compare. [..., K].
 
-        Each sum is taken as a scaled chi-squared variable with the mean and variance of the replicates.
+        Each sum is taken as a scaled chi-squared variable with the mean and variance of the replicates. Repeated photos without
+        any difference have no replicates to compare with; white noise stands in for them.
 
         Source: Satterthwaite, Biometrics Bulletin 2, 1946.
         """
         mean, variance = self.sums.mean(axis=0), self.sums.var(axis=0)
         counted = (mean > 0) & (variance > 0)
-        mean, variance = np.where(counted, mean, 1.0), np.where(counted, variance, 2.0)
-        return np.where(counted, -chi2.logsf(found * 2.0 * mean / variance, 2.0 * mean**2 / variance), 0.0)
+        mean = np.where(counted, mean, np.maximum(self.white, 1.0))
+        variance = np.where(counted, variance, 2.0 * mean)
+        surprise = -chi2.logsf(found * 2.0 * mean / variance, 2.0 * mean**2 / variance)
+        return np.where(counted | (self.white > 0), surprise, 0.0)

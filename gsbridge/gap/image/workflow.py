@@ -28,6 +28,7 @@ from gsbridge.gap.image.diagnose import (
     diagnose_splats,
     unsteady,
 )
+from gsbridge.gap.image.doubts import shared_photos
 from gsbridge.gap.image.files import REGISTRATION, read_pairs
 from gsbridge.gap.image.model import image_candidates, shooting
 from gsbridge.gap.image.pairs import Pairs
@@ -223,7 +224,8 @@ def write_image_findings(
         InputError: Photos, views or depths cannot be used; nothing is written then.
     """
     pairs = read_pairs(views, before, after, shot=shot)
-    case = ImageCase(Path(views), pairs, None if names is None else tuple(names), unsteady(pairs, seed=seed))
+    reasons = (*unsteady(pairs, seed=seed), *shared_photos(pairs))
+    case = ImageCase(Path(views), pairs, None if names is None else tuple(names), reasons)
     for reason in case.reasons:
         logger.warning("degraded: %s", reason)
     found = ImageBackend(case).diagnose("", seed)
