@@ -69,7 +69,8 @@ BENCHMARK = BenchmarkPlan(PLAN)
 with told():
     SEAL = BENCHMARK.seal
 EVIDENCE = EvidencePlan(PLAN)
-SCENE_THREADS = scene_threads()
+with told():
+    SCENE_THREADS = scene_threads()
 # Another workflow that includes this one, or files in a store, have targets that are not all known here.
 OWN_TARGETS = (
     Path(workflow.main_snakefile) in (ROOT / "Snakefile", ROOT / "workflow/Snakefile")
