@@ -74,12 +74,14 @@ def measured_seconds(benchmarks: Path) -> dict[str, float]:
     found: dict[str, list[float]] = {}
     for path in benchmarks.rglob("*.jsonl"):
         rule = path.relative_to(benchmarks).parts[0].removesuffix(".jsonl")
-        for line in path.read_text(encoding="utf-8").splitlines():
+        # A disk that was full or failed leaves anything; lines that are no measurement are passed over.
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
             try:
-                found.setdefault(rule, []).append(float(json.loads(line)["s"]))
-            except (ValueError, KeyError, TypeError):
+                seconds = float(json.loads(line)["s"])
+            except (ValueError, KeyError, TypeError, RecursionError):
                 continue
-    return {rule: statistics.median(seconds) for rule, seconds in found.items()}
+            found.setdefault(rule, []).append(seconds)
+    return {rule: statistics.median(times) for rule, times in found.items()}
 
 
 def remaining_jobs(counts: Mapping[str, int], seconds: Mapping[str, float]) -> list[Remaining]:

@@ -30,6 +30,13 @@ def test_times_are_medians_of_earlier_jobs(tmp_path):
     assert measured_seconds(tmp_path) == {"film_scene": 20.0, "fit_light": 4.0}
 
 
+def test_a_damaged_benchmark_file_is_passed_over(tmp_path):
+    whole = json.dumps({"s": 4.0}).encode()
+    (tmp_path / "fit_light.jsonl").write_bytes(b"\xa9\x00\xff\xfe\n" + b"[" * 100_000 + b"\n" + whole + b"\n")
+    (tmp_path / "film_scene.jsonl").write_bytes(bytes(range(256)))
+    assert measured_seconds(tmp_path) == {"fit_light": 4.0}
+
+
 def test_unmeasured_rules_come_first_then_the_longest():
     left = remaining_jobs({"short": 3, "long": 1, "new": 1}, {"short": 2.0, "long": 60.0})
     assert [item.rule for item in left] == ["new", "long", "short"]
