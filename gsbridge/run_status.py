@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsbridge.errors import GsbridgeError
-from gsbridge.workflow_files import check_configuration_files, check_targets, configuration_files
+from gsbridge.workflow_files import check_configuration_files, check_targets, check_workflow, configuration_files
 from gsbridge.workflow_lock import working_folder
 
 _JOB_COUNT = re.compile(r"^(\w+) +(\d+)$", re.MULTILINE)
@@ -111,11 +111,12 @@ def run_status(arguments: Sequence[str]) -> Iterator[str]:
         arguments: Arguments as on snakemake's command line, targets and `--config` included.
 
     Raises:
-        GsbridgeError: A file of `--configfile` cannot be used, an option would swallow a target, or snakemake cannot plan the
-            run; its message follows.
+        GsbridgeError: A file of `--configfile` cannot be used, an option would swallow a target, there is no workflow here, or
+            snakemake cannot plan the run; its message follows.
     """
     check_targets(arguments)
     check_configuration_files(configuration_files(arguments))
+    check_workflow(arguments)
     command = [sys.executable, "-m", "snakemake", "--dry-run", "--quiet", "rules", "--nolock", *arguments]
     planned = subprocess.run(command, capture_output=True, text=True, check=False)
     if planned.returncode:

@@ -20,6 +20,8 @@ _REMEDY = "Correct the path, or write KEY: VALUE in each line, as config.yaml do
 _TEMPLATE = "__use_yte__"
 _QUIET = ("rules", "progress", "all", "host", "reason")
 """Values that snakemake's `--quiet` accepts."""
+_SNAKEFILES = ("Snakefile", "snakefile", "workflow/Snakefile", "workflow/snakefile")
+"""Where snakemake looks for a workflow."""
 
 
 def configuration_files(arguments: Sequence[str]) -> list[Path]:
@@ -64,6 +66,22 @@ def check_targets(arguments: Sequence[str]) -> None:
         )
 
 
+def check_workflow(arguments: Sequence[str]) -> None:
+    """Refuse a call in a folder without a workflow; snakemake would only list the names that it tried.
+
+    Args:
+        arguments: Arguments as on snakemake's command line.
+
+    Raises:
+        InputError: There is no Snakefile here, and the arguments name none.
+    """
+    # A profile that is named may name a Snakefile, too; for its version snakemake reads none.
+    elsewhere = ("--snakefile", "-s", "--profile", "--version", "-v")
+    if any(argument.startswith(elsewhere) for argument in arguments) or any(Path(name).is_file() for name in _SNAKEFILES):
+        return
+    raise InputError("Snakefile", "there is no such file here", "Go to the project's folder, or name it with --snakefile")
+
+
 def check_configuration_files(paths: Iterable[str | Path]) -> None:
     """Refuse configuration files that snakemake could not read, or would read as a program.
 
@@ -92,4 +110,4 @@ def _content(path: str | Path) -> Any:
         return load_yaml(path, "configuration", _REMEDY)
 
 
-__all__ = ["check_configuration_files", "check_targets", "configuration_files"]
+__all__ = ["check_configuration_files", "check_targets", "check_workflow", "configuration_files"]

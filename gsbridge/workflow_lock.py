@@ -23,7 +23,7 @@ import psutil
 
 from gsbridge.errors import InputError
 from gsbridge.workflow_faults import told
-from gsbridge.workflow_files import check_configuration_files, check_targets, configuration_files
+from gsbridge.workflow_files import check_configuration_files, check_targets, check_workflow, configuration_files
 
 _PASSIVE = frozenset(
     {
@@ -115,11 +115,12 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
     Raises:
         InputError: Another run works in the folder.
         SystemExit: A file of `--configfile` cannot be used, or an option would swallow a target, which snakemake would tell
-            with a traceback.
+            with a traceback; or there is no workflow here.
     """
     with told():
         check_targets(arguments)
         check_configuration_files(configuration_files(arguments))
+        check_workflow(arguments)
     # The module of this Python, not whichever snakemake the shell finds first.
     command = [sys.executable, "-m", "snakemake", *arguments]
     if not _PASSIVE.intersection(arguments):

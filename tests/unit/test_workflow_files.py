@@ -7,7 +7,7 @@ from snakemake.cli import get_argument_parser
 
 from gsbridge.cli import main
 from gsbridge.errors import InputError
-from gsbridge.workflow_files import check_configuration_files, check_targets, configuration_files
+from gsbridge.workflow_files import check_configuration_files, check_targets, check_workflow, configuration_files
 
 BOMB = "a: &a [1]\n" + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in itertools.pairwise("abcdefgh"))
 BROKEN = {
@@ -105,3 +105,23 @@ def test_no_option_swallows_a_target(arguments, taken, capfd):
         main(["run", *arguments])
     assert f"Write -- before targets: -- {taken}" in str(ended.value)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_folder_without_a_workflow_is_told_where_to_go(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    advice = "Snakefile: there is no such file here. Go to the project's folder, or name it with --snakefile"
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "results/tables"])
+    assert str(ended.value) == f"ERROR {advice}"
+    assert main(["status"]) == 1
+    assert capsys.readouterr().err == f"gsbridge: {advice}\n"
+    assert not (tmp_path / ".snakemake").exists()
+
+
+@pytest.mark.parametrize("arguments", [["--snakefile", "a"], ["--snakefile=a"], ["-s", "a"], ["--profile", "a"], ["--version"]])
+def test_a_workflow_may_lie_elsewhere(arguments, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    check_workflow(arguments)
+    (tmp_path / "workflow").mkdir()
+    (tmp_path / "workflow/Snakefile").touch()
+    check_workflow(["results/tables"])
