@@ -10,7 +10,9 @@ process that gets this lock, and sees no other snakemake at work in the folder, 
 from __future__ import annotations
 
 import fcntl
+import itertools
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -33,6 +35,11 @@ _PASSIVE = frozenset(
     }
 )  # fmt: skip
 """Arguments with which snakemake runs no job and locks nothing."""
+_PASSIVE_LETTERS, _OTHER_LETTERS = frozenset("nSDlhv"), frozenset("pkfFta")
+"""Letters that may be joined behind one dash, as in `-np`: those of `_PASSIVE`, and others that take no value."""
+_SHELLS = frozenset({"sh", "bash", "dash"})
+_WITH_VALUE = frozenset({"-X", "-W"})
+"""Options of Python that a value follows."""
 
 _PATIENCE_S = 5.0
 """Time that a job has to end after it is asked to, before it is killed, s."""
@@ -48,12 +55,64 @@ def working_folder(arguments: Sequence[str]) -> Path:
     return Path.cwd()
 
 
+def is_passive(arguments: Sequence[str]) -> bool:
+    """Whether snakemake runs no job with the given arguments, and so may stand beside a run.
+
+    Args:
+        arguments: Arguments as on snakemake's command line.
+    """
+    options = itertools.takewhile(lambda argument: argument != "--", arguments)
+    return any(option.partition("=")[0] in _PASSIVE or _holds_passive_letter(option) for option in options)
+
+
+def _holds_passive_letter(option: str) -> bool:
+    """Whether letters that are joined behind one dash hold a passive one; behind a letter that takes a value, they are that."""
+    if not re.fullmatch("-[A-Za-z]+", option):
+        return False
+    last = next((letter for letter in option[1:] if letter not in _OTHER_LETTERS), "")
+    return last in _PASSIVE_LETTERS
+
+
+def _arguments_of_snakemake(words: Sequence[str]) -> list[str] | None:
+    """Arguments of a process that is snakemake; None for another one, such as an editor of its files.
+
+    Args:
+        words: The program of the process and its arguments.
+    """
+    if words and Path(words[0]).name == "snakemake":
+        return list(words[1:])
+    if not (words and _is_python(words[0])):
+        return None
+    place = 1
+    while place < len(words) and words[place].startswith("-") and words[place] not in ("-m", "-c"):
+        place += 2 if words[place] in _WITH_VALUE else 1
+    if list(words[place : place + 2]) == ["-m", "snakemake"]:
+        return list(words[place + 2 :])
+    script = Path(words[place]) if place < len(words) else Path()
+    program = script.parent if script.name == "__main__.py" else script
+    return list(words[place + 1 :]) if program.name == "snakemake" else None
+
+
+def _is_python(program: str) -> bool:
+    name = Path(program).name
+    return name.startswith("python") or name == Path(sys.executable).name
+
+
+def _runs_script(words: Sequence[str]) -> bool:
+    """Whether a process is a job's script, or the shell that waits for one."""
+    if not (words and (_is_python(words[0]) or Path(words[0]).name in _SHELLS)):
+        return False
+    return any(f"{os.sep}.snakemake{os.sep}scripts{os.sep}" in word for word in words[:3])
+
+
 def _at_work_in(folder: Path) -> Iterator[tuple[psutil.Process, bool]]:
-    """Snakemake's processes in a folder, without this one, and whether each is only a job's script."""
+    """Snakemake's processes in a folder that run jobs, without this one, and whether each is only a job's script."""
     for process in psutil.process_iter(["pid", "cmdline"]):
         words = process.info["cmdline"] or []
-        job = any(f"{os.sep}.snakemake{os.sep}scripts{os.sep}" in word for word in words[:3])
-        if process.info["pid"] == os.getpid() or not (job or any("snakemake" in Path(word).name for word in words[:4])):
+        job, arguments = _runs_script(words), _arguments_of_snakemake(words)
+        # Programs that read snakemake's files, dry runs and `gsbridge status` disturb no run.
+        at_work = job or (arguments is not None and not is_passive(arguments))
+        if process.info["pid"] == os.getpid() or not at_work:
             continue
         try:
             if Path(process.cwd()) == folder:
@@ -64,7 +123,7 @@ def _at_work_in(folder: Path) -> Iterator[tuple[psutil.Process, bool]]:
 
 
 def running_in(folder: Path) -> list[int]:
-    """Process ids of every snakemake at work in a folder, without this process; jobs do not count."""
+    """Process ids of every snakemake that runs jobs in a folder, without this process; the jobs do not count."""
     return [process.pid for process, job in _at_work_in(folder) if not job]
 
 
@@ -123,7 +182,7 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
         check_workflow(arguments)
     # The module of this Python, not whichever snakemake the shell finds first.
     command = [sys.executable, "-m", "snakemake", *arguments]
-    if not _PASSIVE.intersection(arguments):
+    if not is_passive(arguments):
         folder = working_folder(arguments)
         (folder / ".snakemake").mkdir(parents=True, exist_ok=True)
         # The lock lasts while the file is open: until the process ends, also across `exec`, which closes non-inheritable files.
@@ -146,10 +205,12 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
             say("jobs of a run that was killed were still at work; they were ended")
         locks = folder / ".snakemake" / "locks"
         if locks.is_dir() and any(locks.iterdir()):
-            say("an earlier run was killed; going on where it was")
             unlock = [*command[:3], "--unlock", *arguments]
-            subprocess.run(unlock, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            # A mistake in the configuration or in a target fails this call, too. The run meets it again, and tells it.
+            done = subprocess.run(unlock, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            if not done.returncode:
+                say("an earlier run was killed; going on where it was")
     os.execv(sys.executable, command)
 
 
-__all__ = ["end_orphans", "end_when_asked", "running_in", "start_workflow", "working_folder"]
+__all__ = ["end_orphans", "end_when_asked", "is_passive", "running_in", "start_workflow", "working_folder"]

@@ -9,9 +9,11 @@ import time
 import psutil
 import pytest
 
-from gsbridge.workflow_lock import working_folder
+from gsbridge.workflow_lock import end_orphans, is_passive, running_in, working_folder
 
 SNAKEFILE = """
+if config.get("spoilt"):
+    raise SystemExit("ERROR config: spoilt is no key. Remove it")
 rule slow:
     output: "slow.txt"
     script: "scripts/slow.py"
@@ -40,8 +42,8 @@ def folder(tmp_path):
             continue
 
 
-def start(folder):
-    command = [sys.executable, "-m", "gsbridge", "run", "--cores", "1", "--rerun-incomplete", "slow.txt"]
+def start(folder, *more):
+    command = [sys.executable, "-m", "gsbridge", "run", "--cores", "1", "--rerun-incomplete", "slow.txt", *more]
     # A file, not a pipe: a job that outlives its run keeps a pipe open.
     with (folder / "said").open("w") as said:
         return subprocess.Popen(command, cwd=folder, stdout=said, stderr=subprocess.STDOUT)
@@ -73,6 +75,21 @@ def test_the_same_command_goes_on_after_a_kill(folder, how):
     assert (folder / "slow.txt").read_text() == "done"
 
 
+def test_a_mistake_in_the_command_after_a_kill_is_told_in_one_line(folder):
+    first = start(folder)
+    started(folder)
+    first.kill()
+    ended(first, folder)
+    code, said = ended(start(folder, "--config", "spoilt=1"), folder)
+    assert code == 1
+    assert "ERROR config: spoilt is no key. Remove it" in said
+    assert "Traceback" not in said
+    (folder / "go").write_text("")
+    code, said = ended(start(folder), folder)
+    assert code == 0, said
+    assert "going on where it was" in said
+
+
 def test_a_job_that_outlived_its_run_is_ended(folder):
     first = start(folder)
     started(folder)
@@ -98,6 +115,57 @@ def test_a_second_run_in_the_same_folder_is_refused_and_the_first_goes_on(folder
     assert f"another run works here (process {first.pid})" in said
     (folder / "go").write_text("")
     assert first.wait(timeout=120) == 0
+
+
+@pytest.mark.parametrize(
+    ("call", "at_work"),
+    [
+        (["python", "bin/snakemake", "all"], True),
+        (["python", "-X", "utf8", "-u", "bin/snakemake/__main__.py", "all"], True),
+        (["python", "-m", "snakemake", "-k", "--", "-n"], True),
+        (["python", "bin/snakemake", "-np"], False),
+        (["python", "-m", "snakemake", "--dry-run", "--quiet", "rules", "--nolock"], False),
+        (["python", "-m", "snakemake", "--rulegraph=dot"], False),
+        (["python", "-c", "import time; time.sleep(60)", "snakemake"], False),
+        (["tail", "-f", ".snakemake/log/x.snakemake.log"], False),
+        (["tail", "-f", "{folder}/.snakemake/scripts/x.py"], False),
+    ],
+)
+def test_what_only_reads_beside_a_run_is_no_run(tmp_path, call, at_work):
+    for place in (".snakemake/log/x.snakemake.log", ".snakemake/scripts/x.py"):
+        (tmp_path / place).parent.mkdir(parents=True)
+        (tmp_path / place).touch()
+    for place in ("snakemake.py", *(word for word in call if word.startswith("bin/"))):
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / place).write_text("import time; time.sleep(60)")
+    program = sys.executable if call[0] == "python" else call[0]
+    process = subprocess.Popen([program, *(word.format(folder=tmp_path) for word in call[1:])], cwd=tmp_path)
+    try:
+        until = time.monotonic() + 60
+        while psutil.Process(process.pid).cmdline()[-1] != call[-1].format(folder=tmp_path):
+            assert time.monotonic() < until
+        assert running_in(tmp_path) == [process.pid] * at_work
+        assert end_orphans(tmp_path) == 0
+        assert process.poll() is None
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "passive"),
+    [
+        (["-np"], True),
+        (["-Fn", "all"], True),
+        (["-q", "all", "--", "-n"], False),
+        (["-jn"], False),
+        (["--config", "a=-n"], False),
+        (["--dag=dot"], True),
+        (["-l"], True),
+    ],
+)
+def test_dry_runs_are_known_by_their_options(arguments, passive):
+    assert is_passive(arguments) == passive
 
 
 def test_the_folder_is_the_one_that_snakemake_is_told(tmp_path, monkeypatch):
