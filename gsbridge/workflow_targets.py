@@ -18,6 +18,9 @@ _WILDCARD = re.compile(r"\{(\w+)(?:,((?:[^{}]|\{[\d,]+\})*))?\}")
 _ALIKE = 0.5
 """Smallest similarity (difflib's ratio, 0..1) at which a value passes for a misspelt one."""
 
+_NEAR = 0.7
+"""Smallest similarity of a misspelt target and one that may be meant."""
+
 
 class Rule(Protocol):
     """The attributes of snakemake's rules that are used here."""
@@ -80,8 +83,21 @@ def _advice(path: str, rules: Sequence[Rule]) -> str:
     patterns = [str(file) for rule in rules for file in rule.output]
     choices = {rule.name: rule.name for rule in rules} | {_filled(pattern, inside): "" for pattern in patterns}
     choices = {name if "/" in inside else Path(name).name: name for name in choices}
-    near = difflib.get_close_matches(inside, list(choices), 1)
-    return f"Did you mean '{choices[near[0]]}'? " if near else ""
+    # One with a wildcard in it names no file that can be asked for.
+    likeness = {name: _likeness(inside, name) for name in choices if "{" not in name}
+    near = max(likeness, key=likeness.__getitem__, default="")
+    return f"Did you mean '{choices[near]}'? " if likeness.get(near, 0) >= _NEAR else ""
+
+
+def _likeness(given: str, name: str) -> float:
+    """How alike two paths are behind the folders that both lie in, which would make any two names in one folder alike."""
+    ours, theirs = given.split("/"), name.split("/")
+    while ours[1:] and theirs[1:] and ours[0] == theirs[0]:
+        ours, theirs = ours[1:], theirs[1:]
+    # The quick bounds spare most pairs the slow comparison.
+    matcher = difflib.SequenceMatcher(None, "/".join(ours), "/".join(theirs))
+    bounds = (matcher.real_quick_ratio, matcher.quick_ratio)
+    return 0.0 if any(bound() < _NEAR for bound in bounds) else matcher.ratio()
 
 
 def _filled(pattern: str, path: str) -> str:
