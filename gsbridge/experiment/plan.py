@@ -236,14 +236,43 @@ class Experiment:
     # Captures
 
     def capture_places(self, path: str) -> list[Path]:
-        """Where a capture may lie: at its absolute path, or below the captures folder, or below the project's."""
+        """Where a capture may lie: at its absolute path, or below the captures folder, or below the project's.
+
+        Raises:
+            InputError: The path names an unknown user or is too long, a link leads back to itself, or a folder may not be read.
+        """
         captures = Path(os.environ.get("GSBRIDGE_CAPTURES") or self.root / self.config["captures"])
-        return [(folder / Path(path).expanduser()).resolve() for folder in (captures, self.root)]
+        try:
+            places = [(folder / Path(path).expanduser()).resolve() for folder in (captures, self.root)]
+            for place in places:
+                place.exists()
+        except (OSError, RuntimeError) as error:
+            reason = (getattr(error, "strerror", None) or str(error))[:200].rstrip(".")
+            raise InputError(self._key_of(path), f"'{path[:80]}' leads nowhere: {reason}", "Correct the path") from error
+        return places
 
     def capture_path(self, path: str) -> str:
-        """A capture's file or folder."""
+        """A capture's file or folder.
+
+        Raises:
+            InputError: Its path cannot be followed, or holds braces, which snakemake takes for a wildcard.
+        """
         places = self.capture_places(path)
-        return self.portable(next((place for place in places if place.exists()), places[0]))
+        found = self.portable(next((place for place in places if place.exists()), places[0]))
+        if "{" in found or "}" in found:
+            raise InputError(
+                self._key_of(path), f"the path {found} holds braces, which mean a wildcard", "Rename it without them"
+            )
+        return found
+
+    def _key_of(self, path: str) -> str:
+        """What names a capture in the configuration: a scene's source, or else the path itself."""
+        sources = {
+            value: f"config: scenes.{scene}.source.{kind}"
+            for scene in self.config["scenes"]
+            for kind, value in [self.source(scene)]
+        }
+        return sources.get(path, path[:80])
 
     def portable(self, path: str | Path) -> str:
         """A path as it is recorded: relative inside the project or the working folder, so that both may be moved."""

@@ -247,6 +247,29 @@ def test_a_capture_that_is_gone_is_named(plan):
         plan.scene_source("mug")
 
 
+@pytest.mark.parametrize("path", ["~nosuch/x.mp4", "loop", "x" * 5000, "a/" * 2500])
+def test_a_path_that_cannot_be_followed_is_told_with_its_scene(config, tmp_path, path):
+    (tmp_path / "loop").symlink_to("loop")
+    config["scenes"]["mug"]["source"] = {"video": path}
+    plan = Experiment(config, tmp_path, tmp_path)
+    with pytest.raises(InputError, match=r"^config: scenes\.mug\.source\.video: ") as caught:
+        plan.scene_source("mug")
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+    if path != "loop":
+        with pytest.raises(InputError, match="leads nowhere"):
+            assert plan.scenes
+
+
+@pytest.mark.parametrize("path", ["a {x}.mp4", "a{.mp4", "{b}/a.mp4"])
+def test_a_path_with_braces_is_refused(config, tmp_path, path):
+    (tmp_path / path).parent.mkdir(exist_ok=True)
+    (tmp_path / path).write_bytes(b"x")
+    config["scenes"]["mug"]["source"] = {"video": path}
+    with pytest.raises(InputError, match=r"^config: scenes\.mug\.source\.video: the path .* holds braces.* Rename it"):
+        Experiment(config, tmp_path, tmp_path).scene_source("mug")
+
+
 def test_a_folder_of_board_photos_that_is_gone_is_named(plan):
     with pytest.raises(InputError, match=r"workspace\.source\.capture: there is neither .*board nor .*arm\.csv"):
         plan.board_folder("board")
