@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gsbridge.configuration.faults import near
 from gsbridge.errors import InputError
 from gsbridge.reading import absent
+
+_LONGEST_NAME = 60
+"""Largest length of a scene's name. Files are named after two scenes and more, and a file system takes 255 letters."""
 
 
 def check_configuration(config: Mapping[str, Any]) -> None:
@@ -19,9 +22,10 @@ def check_configuration(config: Mapping[str, Any]) -> None:
         config: The configuration, as `read_configuration` gives it.
 
     Raises:
-        InputError: A preset, scene, camera or file is named that is not there, or a setting cannot work.
+        InputError: A preset, scene, camera or file is named that is not there, a name is too long, or a setting cannot work.
     """
     scenes, cameras, presets = config["scenes"], config["cameras"], config["presets"]
+    _check_names(scenes)
     if config["preset"] not in presets:
         raise _unknown("config: preset", config["preset"], presets)
     for name, preset in presets.items():
@@ -74,6 +78,17 @@ def check_configuration(config: Mapping[str, Any]) -> None:
     for key in ("shapes", "vessels", "photos"):
         _check_scored(key, config.get(key, []), scenes)
     _check_weights(config)
+
+
+def _check_names(scenes: Iterable[str]) -> None:
+    """Refuse names of scenes of which no file can be named."""
+    for name in scenes:
+        if len(name) > _LONGEST_NAME:
+            problem = f"the name has {len(name)} letters, and {_LONGEST_NAME} are the most: files are named after it"
+            raise InputError(f"config: scenes.{name[:_LONGEST_NAME]}...", problem, "Shorten it")
+        if re.search(r"(.+)\1{19}$", name):
+            # Snakemake takes it for the result of a rule that feeds itself.
+            raise InputError(f"config: scenes.{name}", "the name ends in twenty times the same letters", "Rename it")
 
 
 def _check_cells(key: str, cells: Sequence[Mapping[str, str]], scenes: Mapping[str, Mapping[str, Any]]) -> None:
@@ -188,9 +203,9 @@ def check_asked(arguments: Iterable[str], scenes: Iterable[str]) -> None:
     for argument in arguments:
         found = re.match(r"(?:\./)?results/(?:scenes|films)/([^/]+)/", argument)
         if found and found[1] not in scenes:
-            near = difflib.get_close_matches(found[1], list(scenes), 1)
-            hint = f"Did you mean '{near[0]}'? " if near else ""
-            raise InputError(argument, f"'{found[1]}' is no scene", f"{hint}Scenes of the config: {', '.join(sorted(scenes))}")
+            known = sorted(scenes)
+            remedy = f"{near(found[1], known)}Scenes of the config: {', '.join(known)}"
+            raise InputError(argument, f"'{found[1]}' is no scene", remedy)
 
 
 _FORM = {"video": "file", "images": "folder", "colmap": "folder", "nerfstudio": "file"}
@@ -266,4 +281,4 @@ def _check_weights(config: Mapping[str, Any]) -> None:
 
 def _unknown(key: str, name: str, choices: Mapping[str, Any]) -> InputError:
     """Error for a name that is not among the choices."""
-    return InputError(key, f"'{name}' is not configured", f"Use one of: {', '.join(sorted(choices))}")
+    return InputError(key, f"'{name}' is not configured", f"{near(name, choices)}Use one of: {', '.join(sorted(choices))}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
+from math import isnan
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -24,13 +25,15 @@ _KINDS = {
 }
 """The words for what a value should have been, by the first word of pydantic's name for the fault."""
 _RANGES = {
-    "greater_than": "is not above {gt:g}",
-    "greater_than_equal": "is less than the minimum of {ge:g}",
-    "less_than": "is not below {lt:g}",
-    "less_than_equal": "is greater than the maximum of {le:g}",
-    "multiple_of": "is no multiple of {multiple_of:g}",
+    "greater_than": "is not above {gt}",
+    "greater_than_equal": "is less than the minimum of {ge}",
+    "less_than": "is not below {lt}",
+    "less_than_equal": "is greater than the maximum of {le}",
+    "multiple_of": "is no multiple of {multiple_of}",
     "finite_number": "is no finite number",
 }
+_LARGEST_WHOLE = 2**53
+"""Up to here a float tells whole numbers apart."""
 
 
 class _Place:
@@ -110,7 +113,7 @@ def explain(model: type[BaseModel], error: ValidationError, source: str) -> Inpu
         found.setdefault(key, []).append((place, details))
     place, details = _most_telling(found[min(found)])
     problem, remedy = _sentences(place, details)
-    where = ".".join(place.keys)
+    where = ".".join(place.keys[:-1] if _is_name(details) else place.keys)
     more = f" ({len(found) - 1} more fault{'s' if len(found) > 2 else ''})" if len(found) > 1 else ""
     return InputError(f"{source}: {where}" if where else source, problem + more, remedy)
 
@@ -134,6 +137,11 @@ def _is_word(given: object) -> bool:
     return False
 
 
+def _is_name(details: ErrorDetails) -> bool:
+    """Whether a fault is a name, under which something stands, that is no text."""
+    return details["type"] == "string_type" and details["loc"][-1:] == ("[key]",)
+
+
 def _sentences(place: _Place, details: ErrorDetails) -> tuple[str, str]:
     """Problem and remedy of a fault."""
     value, kind = details["input"], details["type"]
@@ -154,14 +162,50 @@ def _sentences(place: _Place, details: ErrorDetails) -> tuple[str, str]:
         case "literal_error":
             number = ", or a number" if {int, float} & set(_alternatives(place.kind)) else ""
             return f"'{value}' is not possible", f"{near(value, place.choices)}Give one of: {listed(place.choices)}{number}"
+        case "string_type" if _is_name(details) or isinstance(value, bool):
+            return _no_text(value, "" if _is_name(details) else f". {place.meaning}")
         case "fault":
             return context["problem"], context["remedy"]
     if kind in _RANGES:
-        return f"{value} {_RANGES[kind].format(**context)}", place.meaning
+        if kind != "finite_number" and _as_number(value) is None:
+            return f"{value} is no number", place.meaning
+        limits = {name: _digits(limit) for name, limit in context.items()}
+        return f"{_digits(value)} {_RANGES[kind].format(**limits)}", place.meaning
     if kind.split("_")[0] in _KINDS and kind.split("_")[1] in ("type", "parsing", "from"):
         keys = f"Keys here: {listed(place.known)}" if place.known else place.meaning
+        given = _as_number(value) if kind == "int_parsing" else None
+        if given is not None and given.is_integer() and abs(given) < _LARGEST_WHOLE:
+            keys = f"Write it out: {int(given)}. {keys}"
         return f"{value!r} is no {_KINDS[kind.split('_')[0]]}", keys
     return f"{value!r}: {details['msg']}", place.meaning
+
+
+def _no_text(value: Any, meaning: str) -> tuple[str, str]:
+    """Problem and remedy of what YAML takes for another thing than text, such as a scene with the name `yes`."""
+    words = {"True": "yes, on or true", "False": "no, off or false", "None": "null or ~"}.get(str(value))
+    if words is None:
+        return f"a name here is {value}, which is no text", "Choose a name that begins with a letter"
+    kind = "nothing" if value is None else "a switch"
+    return (
+        f"YAML reads {words} without quotes as {kind}, and text is wanted",
+        f"Put it in quotes, or name it otherwise{meaning}",
+    )
+
+
+def _as_number(value: Any) -> float | None:
+    """A number, which may be given as text; None for what is none, such as `nan`."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return None if isnan(number) else number
+
+
+def _digits(value: Any) -> str:
+    """A number as people write it: a whole one without an exponent."""
+    if isinstance(value, float):
+        return str(int(value)) if value.is_integer() and abs(value) < _LARGEST_WHOLE else f"{value:g}"
+    return str(value)
 
 
 def listed(values: Iterable[Any]) -> str:

@@ -43,7 +43,14 @@ def test_a_consistent_configuration_passes():
     [
         (("preset",), "big", "big"),
         (("presets", "toy", "scenes"), ["mug"], "mug"),
+        (
+            ("presets", "toy", "scenes"),
+            ["cakes"],
+            r"toy\.scenes: 'cakes' is not configured\. Did you mean 'cake'\? Use one of: cake$",
+        ),
         (("scenes", "cake", "camera"), "tablet", "tablet"),
+        (("scenes", "m" + "ab" * 30), SCENE, r"scenes\.mabab.*: the name has 61 letters, and 60 are the most"),
+        (("scenes", "x" * 20), SCENE, "the name ends in twenty times the same letters. Rename it"),
         (("cameras", "phone", "calibrate_from"), ["mug"], "mug"),
         (("scenes", "cake", "board"), None, "require_scale"),
         (("scenes", "cake", "board"), "letter", "letter"),
@@ -113,6 +120,26 @@ def test_broken_yaml_is_told_with_its_line(tmp_path):
         check_files([path])
 
 
+def test_a_file_in_another_code_than_utf8_is_told_to_be_saved_anew(tmp_path):
+    path = tmp_path / "config.yaml"
+    text = "seed: 1  # f\u00fcr\n"
+    for code in ("utf-16", "utf-16-le", "utf-16-be", "latin-1"):
+        path.write_bytes(text.encode(code))
+        with pytest.raises(InputError, match=r"config\.yaml: .* it is not stored as UTF-8\. Save it as UTF-8; in Notepad: "):
+            check_files([path])
+    for code in ("utf-8", "utf-8-sig"):
+        path.write_bytes(text.encode(code))
+        check_files([path])
+
+
+def test_a_character_that_yaml_forbids_is_told_in_one_line(tmp_path):
+    path = tmp_path / "config.yaml"
+    path.write_text("seed: 1\a\n")
+    with pytest.raises(InputError, match=r"config\.yaml: .*control characters are not allowed") as caught:
+        check_files([path])
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
@@ -130,6 +157,33 @@ def test_broken_yaml_is_told_with_its_line(tmp_path):
             "scenes.cake: the key 'source' is missing. Add it: Where the photos",
         ),
         (("seed",), "one", "seed: 'one' is no integer. The one random seed"),
+        (("seed",), "1e3", "seed: '1e3' is no integer. Write it out: 1000. The one random seed"),
+        (("seed",), "1e400", "seed: '1e400' is no integer. The one random seed"),
+        (("seed",), 5e9, "seed: 5000000000 is greater than the maximum of 4294967295. The one random seed"),
+        (("recipe",), {"max_splats": "1e6"}, "recipe.max_splats: '1e6' is no integer. Write it out: 1000000. Upper limit"),
+        (("capture",), {"min_step": float("nan")}, "capture.min_step: nan is no number. Least image motion"),
+        (("capture",), {"min_step": 1.5}, "capture.min_step: 1.5 is greater than the maximum of 1. Least image motion"),
+        (
+            ("scenes", True),
+            {"kind": "object", "source": {"film": "cake"}},
+            "config: scenes: YAML reads yes, on or true without quotes as a switch",
+        ),
+        (
+            ("scenes", False),
+            {"kind": "object", "source": {"film": "cake"}},
+            "YAML reads no, off or false without quotes as a switch, and text is wanted. Put it",
+        ),
+        (
+            ("scenes", None),
+            {"kind": "object", "source": {"film": "cake"}},
+            "config: scenes: YAML reads null or ~ without quotes as nothing",
+        ),
+        (
+            ("scenes", 1),
+            {"kind": "object", "source": {"film": "cake"}},
+            "config: scenes: a name here is 1, which is no text. Choose a name that begins with",
+        ),
+        (("presets", "toy", "scenes"), [True], "presets.toy.scenes.0: YAML reads yes, on or true without quotes as a switch"),
         (("seed",), -1, "seed: -1 is less than the minimum of 0"),
         (("mesh",), {"min_agree": 0}, "mesh.min_agree: 0 is less than the minimum of 1"),
         (("spalts",), {}, "config: 'spalts' is no key"),
