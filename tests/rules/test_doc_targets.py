@@ -16,10 +16,12 @@ BRACES = re.compile(r"^(.*)\{([\w,]+)\}(.*)$")
 
 
 def targets():
-    """Targets of the pages' calls of snakemake."""
+    """Targets of the pages' calls of snakemake, and of `gsbridge run`, which takes the same arguments."""
     out = set()
     for words in (words for page in PAGES for words in commands(page)):
-        if words[0] != "snakemake":
+        if words[:2] == ["gsbridge", "run"]:
+            words = words[1:]
+        elif words[0] != "snakemake":
             continue
         passed = False
         for before, word in zip(words, words[1:], strict=False):
