@@ -43,7 +43,7 @@ rule select_keyframes:
     params:
         code=script_digest("select_keyframes"),
         kind=lambda wildcards: PLAN.source(wildcards.scene)[0],
-        listing=lambda wildcards: PLAN.source_listing(wildcards.scene),
+        listing=lambda wildcards: GIVEN.scene(wildcards.scene),
         settings=settings("capture"),
     message:
         "Select keyframes of {wildcards.scene}"

@@ -18,6 +18,7 @@ from gsbridge.configuration.renderers import RENDERERS, SHADED
 from gsbridge.digests import code_digest, kernel_digest, script_digest
 from gsbridge.experiment.evidence import EvidencePlan
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
+from gsbridge.experiment.given_files import GivenFiles
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import Experiment
 from gsbridge.experiment.policies import ANY, policy_files, workspace_of
@@ -44,6 +45,7 @@ with told():
 
 SEED = config["seed"]
 PLAN = Experiment(config, ROOT, Path.cwd())
+GIVEN = GivenFiles(PLAN)
 TABLES = Tables(PLAN)
 LOOP = JointLoop(PLAN)
 PICTURE_GAP = PictureLoop(PLAN)
@@ -66,10 +68,9 @@ GAP_CASES = {**GAP["cases"], **({OWN_NAME: OWN_CASE} if OWN_CASE else {})}
 CASE_PLACES = [Path.cwd(), ROOT]
 GAP_BANK = "results/.state/gap_bank"
 BENCHMARK = BenchmarkPlan(PLAN)
-with told():
-    SEAL = BENCHMARK.seal
 EVIDENCE = EvidencePlan(PLAN)
 with told():
+    SEAL = BENCHMARK.seal
     SCENE_THREADS = scene_threads()
 # Another workflow that includes this one, or files in a store, have targets that are not all known here.
 OWN_TARGETS = (
@@ -191,11 +192,6 @@ def workspace_capture(wildcards):
 
         check_board_capture(PLAN.board_folder(value))
     return PLAN.board_folder(value) if kind == "capture" else []
-
-
-def workspace_listing(wildcards):
-    """Files of the board capture; none for a world of the mirror, whose capture a rule makes."""
-    return [] if hasattr(wildcards, "world") else PLAN.board_listing()
 
 
 def workspace_background(wildcards):
@@ -376,15 +372,6 @@ def gap_case_files(wildcards):
     if wildcards.case in LOOP.cases:
         return LOOP.case_files(wildcards.case)
     return [local(PLAN.portable(path)) for path in case_files(gap_case(wildcards))]
-
-
-@told()
-def gap_listing(wildcards):
-    """Contents of the files of a case; none for the loop's cases, which the workflow makes."""
-    if wildcards.case in LOOP.cases:
-        return []
-    case = Path(gap_case(wildcards))
-    return PLAN.listing([case, *case_files(case)], case.parent, f"gap/{wildcards.case}")
 
 
 @told()

@@ -28,7 +28,9 @@ rule read_gap_records:
         runtime="10m",
     params:
         code=script_digest("read_gap_records"),
-        listing=gap_listing,
+        listing=lambda wildcards: GIVEN.case(
+            wildcards.case, gap_case(wildcards), gap_case_files(wildcards)
+        ),
     message:
         "Read and check the records of {wildcards.case}"
     script:

@@ -105,10 +105,8 @@ rule collect_success:
     params:
         code=script_digest("collect_success"),
         robot=lambda wildcards: TABLES.table_robot_trials(wildcards.table),
-        listing=lambda wildcards: PLAN.listing(
-            TABLES.table_robot_trials(wildcards.table).values(),
-            ".",
-            f"trials/{wildcards.table}",
+        listing=lambda wildcards: GIVEN.trials(
+            wildcards.table, TABLES.table_robot_trials(wildcards.table).values()
         ),
     message:
         "Collect the successes: {wildcards.table}"
@@ -135,9 +133,7 @@ rule collect_failures:
     params:
         code=script_digest("collect_failures"),
         robot=TABLES.robot_trials(TABLES.policies),
-        listing=PLAN.listing(
-            TABLES.robot_trials(TABLES.policies).values(), ".", "trials/all"
-        ),
+        listing=GIVEN.trials("all", TABLES.robot_trials(TABLES.policies).values()),
     message:
         "Collect how trials ended"
     script:

@@ -12,7 +12,6 @@ from typing import Any
 from gsbridge.configuration.bindings import BINDINGS
 from gsbridge.configuration.checks import check_capture
 from gsbridge.errors import InputError
-from gsbridge.experiment.capture_files import capture_files, content_digests
 from gsbridge.experiment.policies import PolicyFiles, workspace_of
 from gsbridge.given import read_given_json
 from gsbridge.reading import absent
@@ -307,42 +306,6 @@ class Experiment:
             remedy = "Name the folder that holds the photos and arm.csv; see docs/registration.md"
             raise InputError("config: workspace.source.capture", absent(places), remedy)
         return self.capture_path(path)
-
-    def source_listing(self, scene: str) -> list[tuple[str, str]]:
-        """Names and digests of the files of a scene's capture; empty for a film, which a rule makes.
-
-        Raises:
-            InputError: The folder holds so many files that it cannot be a capture.
-        """
-        kind, value = self.source(scene)
-        return [] if kind == "film" else self._capture_listing(kind, value, f"captures/{scene}")
-
-    def board_listing(self) -> list[tuple[str, str]]:
-        """Names and digests of the files of the board capture that registers the workspace; empty where a rule makes it.
-
-        Raises:
-            InputError: The folder holds so many files that it cannot be a capture.
-        """
-        kind, value = next(iter(self.config["workspace"]["source"].items()))
-        return self._capture_listing("images", value, "captures/board") if kind == "capture" else []
-
-    def _capture_listing(self, kind: str, value: str, store: str) -> list[tuple[str, str]]:
-        path = self.working / self.capture_path(value)
-        folder = path if path.is_dir() else path.parent
-        return self.listing([path, *capture_files(kind, path)], folder, store)
-
-    def listing(self, files: Iterable[str | Path], folder: str | Path, store: str) -> list[tuple[str, str]]:
-        """Names and digests of a user's files. Snakemake goes by dates, and a file may take the place of a newer one.
-
-        Args:
-            files: The files, below the working folder or absolute; what is not there does not count, nor do results.
-            folder: Folder that the names are relative to.
-            store: Name of the file that remembers the digests, below `results/.state` and without its suffix.
-        """
-        results = (self.working / "results").resolve()
-        places = [self.working / file for file in files]
-        given = [place for place in places if place.is_file() and not place.resolve().is_relative_to(results)]
-        return content_digests(given, self.working / folder, self.working / f"results/.state/{store}.json")
 
     # Cells
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from gsbridge.errors import InputError
+from gsbridge.experiment.given_files import GivenFiles
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import Experiment
 from gsbridge.experiment.policies import ANY, PolicyFiles, policy_files, training_memory, training_minutes
@@ -208,9 +209,9 @@ def test_a_training_asks_for_memory_as_its_replay_grows():
 def test_captures_are_named_as_they_may_be_moved(plan, tmp_path):
     assert plan.scene_source("cube") == "results/films/cube/film.json"
     assert plan.scene_source("desk") == "captures/desk"
-    (listed,) = plan.source_listing("desk")
+    (listed,) = GivenFiles(plan).scene("desk")
     assert listed[0] == "1.jpg"
-    assert plan.source_listing("cube") == []
+    assert GivenFiles(plan).scene("cube") == []
     below = Experiment(plan.config, tmp_path, tmp_path / "toy")
     assert below.capture_path("desk") == "../captures/desk"
     assert below.portable("/elsewhere/a.csv") == "/elsewhere/a.csv"
@@ -219,27 +220,29 @@ def test_captures_are_named_as_they_may_be_moved(plan, tmp_path):
 def test_a_video_s_contents_count_and_not_its_date(plan, tmp_path):
     video = tmp_path / "mug.mp4"
     video.write_text("first take")
-    first = plan.source_listing("mug")
+    first = GivenFiles(plan).scene("mug")
     video.write_text("the second take, which was filmed before")
     os.utime(video, (1e9, 1e9))
-    assert [[name for name, _ in listing] for listing in (first, plan.source_listing("mug"))] == [["mug.mp4"]] * 2
-    assert plan.source_listing("mug") != first
+    assert [[name for name, _ in listing] for listing in (first, GivenFiles(plan).scene("mug"))] == [["mug.mp4"]] * 2
+    assert GivenFiles(plan).scene("mug") != first
 
 
 def test_the_board_s_photos_and_poses_count_unless_a_rule_makes_them(plan, config, tmp_path):
     config["workspace"] = {"source": {"mirror": {}}}
-    assert plan.board_listing() == []
+    assert GivenFiles(plan).board == []
     config["workspace"] = {"source": {"capture": "board"}}
     (tmp_path / "board").mkdir()
     (tmp_path / "board/arm.csv").write_text("0.jpg")
-    assert [name for name, _ in plan.board_listing()] == ["arm.csv"]
+    assert [name for name, _ in GivenFiles(plan).board] == ["arm.csv"]
 
 
 def test_results_are_no_files_of_the_user(plan, tmp_path):
     (tmp_path / "results/loop").mkdir(parents=True)
     for name in ("results/loop/model.yaml", "own.yaml"):
         (tmp_path / name).write_text(name)
-    assert [name for name, _ in plan.listing(["own.yaml", "results/loop/model.yaml", "gone.yaml"], ".", "x")] == ["own.yaml"]
+    assert [name for name, _ in GivenFiles(plan).files(["own.yaml", "results/loop/model.yaml", "gone.yaml"], ".", "x")] == [
+        "own.yaml"
+    ]
 
 
 def test_a_capture_that_is_gone_is_named(plan):
