@@ -128,13 +128,7 @@ def _most_telling(faults: list[tuple[_Place, ErrorDetails]]) -> tuple[_Place, Er
 
 def _is_word(given: object) -> bool:
     """True for a text that is no number."""
-    if not isinstance(given, str):
-        return False
-    try:
-        float(given)
-    except ValueError:
-        return True
-    return False
+    return isinstance(given, str) and _as_number(given) is None
 
 
 def _is_name(details: ErrorDetails) -> bool:

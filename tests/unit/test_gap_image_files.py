@@ -21,7 +21,7 @@ from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.files import case_files
 from gsbridge.gap.image.doubts import shared_photos
 from gsbridge.gap.image.files import read_pairs
-from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
+from gsbridge.gap.image.residuals import ImageResiduals, compared, learn_noise
 from gsbridge.gap.image.workflow import amend_camera, write_image_findings
 from gsbridge.gap.workflow import (
     load_backend,
@@ -147,9 +147,16 @@ def write_depths(copy, change):
     np.savez(copy / "views/depths.npz", depths=change(depths))
 
 
-def roughen_depths(copy):
+def roughen_depths(copy, noise=0.01):
     """As a depth camera gives them: right to a percent, but each pixel by itself."""
-    write_depths(copy, lambda depths: depths * (1 + 0.01 * np.random.default_rng(0).standard_normal(depths.shape)))
+    write_depths(copy, lambda depths: depths * (1 + noise * np.random.default_rng(0).standard_normal(depths.shape)))
+
+
+def test_depths_as_smooth_as_the_page_asks_leave_what_can_be_compared(folder, copy):
+    """docs/gap_images.md and the error about rough depths give this limit."""
+    whole = compared(read_pairs(*parts(folder))["fit"]).mean()
+    roughen_depths(copy, 0.001)
+    assert compared(read_pairs(*parts(copy))["fit"]).mean() > 0.9 * whole
 
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -98,7 +98,7 @@ def check_compared(pairs: Mapping[str, Pairs]) -> None:
                 part.name or f"photos of '{role}'",
                 f"only {100 * share:.1f} % of the pixels can be compared: the depths of the others are unknown, or differ from "
                 "pixel to pixel as at the edge of a thing",
-                f"Smooth the depths of surfaces to about 0.5 %, or render them from a mesh; see {_PAGE}",
+                f"Smooth the depths of surfaces to about 0.1 %, or render them from a mesh; see {_PAGE}",
             )
 
 
@@ -199,17 +199,15 @@ def shared_photos(pairs: Mapping[str, Pairs]) -> tuple[str, ...]:
     out = []
     known: dict[bytes, str] = {}
     for role, part in pairs.items():
-        mine = {}
         for photo, earlier in zip(part.after, part.before, strict=True):
             digest = hashlib.sha256(np.ascontiguousarray(photo).tobytes()).digest()
-            first = known.get(digest) or (role if digest in mine else None)
+            first = known.get(digest)
             if first is not None:
                 where = f"'{first}' and '{role}'" if first != role else f"two views of '{role}'"
                 out.append(f"{where} share a picture, so that it proves nothing: take other photos")
             if not part.drawn and np.array_equal(photo, earlier):
                 out.append(f"a later photo of '{role}' is a copy of an earlier one")
-            mine[digest] = role
-        known |= mine
+            known.setdefault(digest, role)
     return tuple(dict.fromkeys(out))
 
 
