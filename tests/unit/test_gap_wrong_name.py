@@ -48,12 +48,12 @@ def test_without_another_effect_of_that_size_the_stage_stops():
 
 
 def test_the_camera_gets_the_wrong_name_and_the_head_says_so(tmp_path):
-    """Photos of two grey steps of which the later ones are brighter."""
+    """Photos of a flat surface from places side by side, two pixels apart in the picture; the later ones are brighter."""
     camera, rng, views = Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.random.default_rng(0), []
-    scene = np.clip(0.3 + 0.3 * rng.random((48, 64, 1)) * np.ones(3), 0.0, 1.0)
+    surface = np.clip(0.3 + 0.3 * rng.random((48, 64 + 22, 1)) * np.ones(3), 0.0, 1.0)
     for n in range(12):
-        pose = np.eye(4)
-        pose[:3, 3] = [0.01 * n, 0.0, 0.4]
+        scene, pose = surface[:, 22 - 2 * n :][:, :64], np.eye(4)
+        pose[:3, 3] = [2 * n * 0.4 / camera.fx, 0.0, 0.0]
         views.append({"name": f"{n}", "role": ROLES[n % 3], "cam_from_world": pose.tolist()})
         for k in range(2):
             write_image(tmp_path / "before" / f"{n}_{k}.png", np.clip(scene + 0.004 * rng.normal(size=scene.shape), 0, 1))
