@@ -1,6 +1,7 @@
 """gsbridge: photos or a video in, a metric scene of mesh-bound Gaussians out. A table of contents; see rules/."""
 
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -38,12 +39,21 @@ if workflow.is_main_process:
     )
 
 
+# Snakemake removes what a rule makes before it runs. What rules make from things of the user's, which they may refuse, is kept
+# until there is something better; in a bucket that is beyond snakemake.
+kept = update
+if workflow.storage_settings.default_storage_provider is not None:
+    kept = lambda output: output
+
+
 report: "rules/captions/workflow.rst"
 
 
 onstart:
     end_when_asked()
     see_new_folders()
+    # A job that was killed leaves its copy of earlier results, at which snakemake would stop.
+    shutil.rmtree(workflow.persistence.path / "backups", ignore_errors=True)
 
 
 include: "rules/common.smk"

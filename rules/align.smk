@@ -5,7 +5,7 @@ rule measure_length:
         tags="results/scenes/{scene}/sfm/tags.json",
         images="results/scenes/{scene}/sfm/images",
     output:
-        length="results/scenes/{scene}/align/length.json",
+        length=kept("results/scenes/{scene}/align/length.json"),
     log:
         "results/logs/measure_length/{scene}.log",
     benchmark:
@@ -41,9 +41,9 @@ rule align_scene:
         tags="results/scenes/{scene}/sfm/tags.json",
         length=measured_length,
     output:
-        align="results/scenes/{scene}/align/align.json",
-        views="results/scenes/{scene}/align/views.json",
-        points="results/scenes/{scene}/align/points.npz",
+        align=kept("results/scenes/{scene}/align/align.json"),
+        views=kept("results/scenes/{scene}/align/views.json"),
+        points=kept("results/scenes/{scene}/align/points.npz"),
     log:
         "results/logs/align_scene/{scene}.log",
     benchmark:

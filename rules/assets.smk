@@ -9,11 +9,11 @@ rule build_asset:
         views="results/scenes/{scene}/align/views.json",
         images="results/scenes/{scene}/sfm/images",
     output:
-        urdf="results/scenes/{scene}/asset/body.urdf",
-        hulls=directory("results/scenes/{scene}/asset/hulls"),
-        visual="results/scenes/{scene}/asset/visual.ply",
-        splats="results/scenes/{scene}/asset/splats.ply",
-        record="results/scenes/{scene}/asset/asset.json",
+        urdf=kept("results/scenes/{scene}/asset/body.urdf"),
+        hulls=kept(directory("results/scenes/{scene}/asset/hulls")),
+        visual=kept("results/scenes/{scene}/asset/visual.ply"),
+        splats=kept("results/scenes/{scene}/asset/splats.ply"),
+        record=kept("results/scenes/{scene}/asset/asset.json"),
     log:
         "results/logs/build_asset/{scene}.log",
     benchmark:

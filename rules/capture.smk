@@ -28,8 +28,8 @@ rule select_keyframes:
         # Where results lie in a bucket, a job gets what it names and nothing beside that.
         frames=film_frames,
     output:
-        frames=directory("results/scenes/{scene}/capture/frames"),
-        keyframes="results/scenes/{scene}/capture/keyframes.json",
+        frames=kept(directory("results/scenes/{scene}/capture/frames")),
+        keyframes=kept("results/scenes/{scene}/capture/keyframes.json"),
     log:
         "results/logs/select_keyframes/{scene}.log",
     benchmark:

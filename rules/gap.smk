@@ -13,9 +13,8 @@ rule read_gap_records:
         case=gap_case,
         files=gap_case_files,
     output:
-        # Kept where the next log is refused; Snakemake would remove what a rule makes before it runs.
-        data=update("results/gap/{case}/records.npz"),
-        record=update("results/gap/{case}/records.json"),
+        data=kept("results/gap/{case}/records.npz"),
+        record=kept("results/gap/{case}/records.json"),
     log:
         "results/logs/read_gap_records/{case}.log",
     benchmark:

@@ -5,8 +5,8 @@ rule segment_object:
         points="results/scenes/{scene}/align/points.npz",
         images="results/scenes/{scene}/sfm/images",
     output:
-        images=directory("results/scenes/{scene}/masks/images"),
-        masks="results/scenes/{scene}/masks/masks.json",
+        images=kept(directory("results/scenes/{scene}/masks/images")),
+        masks=kept("results/scenes/{scene}/masks/masks.json"),
     log:
         "results/logs/segment_object/{scene}.log",
     benchmark:

@@ -6,9 +6,9 @@ rule mesh_object:
         points="results/scenes/{scene}/align/points.npz",
         images="results/scenes/{scene}/sfm/images",
     output:
-        visual="results/scenes/{scene}/mesh/visual.ply",
-        collision="results/scenes/{scene}/mesh/collision.ply",
-        mesh="results/scenes/{scene}/mesh/mesh.json",
+        visual=kept("results/scenes/{scene}/mesh/visual.ply"),
+        collision=kept("results/scenes/{scene}/mesh/collision.ply"),
+        mesh=kept("results/scenes/{scene}/mesh/mesh.json"),
     log:
         "results/logs/mesh_object/{scene}.log",
     benchmark:
@@ -38,9 +38,9 @@ rule mesh_background:
         points="results/scenes/{scene}/align/points.npz",
         images="results/scenes/{scene}/sfm/images",
     output:
-        visual="results/scenes/{scene}/mesh/visual.ply",
-        collision="results/scenes/{scene}/mesh/collision.ply",
-        mesh="results/scenes/{scene}/mesh/mesh.json",
+        visual=kept("results/scenes/{scene}/mesh/visual.ply"),
+        collision=kept("results/scenes/{scene}/mesh/collision.ply"),
+        mesh=kept("results/scenes/{scene}/mesh/mesh.json"),
     log:
         "results/logs/mesh_background/{scene}.log",
     benchmark:

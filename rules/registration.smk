@@ -44,7 +44,7 @@ rule register_workspace:
     input:
         capture=workspace_capture,
     output:
-        registration="results/workspace/registration.json",
+        registration=kept("results/workspace/registration.json"),
     log:
         "results/logs/register_workspace.log",
     benchmark:

@@ -92,7 +92,7 @@ rule collect_success:
         policies=lambda wildcards: TABLES.table_trainings(wildcards.table),
         records=lambda wildcards: TABLES.table_scenes(wildcards.table),
     output:
-        rows="results/rows/{table}.csv",
+        rows=kept("results/rows/{table}.csv"),
     log:
         "results/logs/collect_success/{table}.log",
     benchmark:
@@ -120,7 +120,7 @@ rule collect_failures:
         trial_records=TABLES.trials(TABLES.policies, TABLES.worlds, "json"),
         robot=list(TABLES.robot_trials(TABLES.policies).values()),
     output:
-        rows="results/rows/failures.csv",
+        rows=kept("results/rows/failures.csv"),
     log:
         "results/logs/collect_failures.log",
     benchmark:

@@ -28,10 +28,10 @@ rule reconstruct_cameras:
         frames="results/scenes/{scene}/capture/frames",
         camera=scene_camera,
     output:
-        model=directory("results/scenes/{scene}/sfm/model"),
-        images=directory("results/scenes/{scene}/sfm/images"),
-        tags="results/scenes/{scene}/sfm/tags.json",
-        sfm="results/scenes/{scene}/sfm/sfm.json",
+        model=kept(directory("results/scenes/{scene}/sfm/model")),
+        images=kept(directory("results/scenes/{scene}/sfm/images")),
+        tags=kept("results/scenes/{scene}/sfm/tags.json"),
+        sfm=kept("results/scenes/{scene}/sfm/sfm.json"),
     log:
         "results/logs/reconstruct_cameras/{scene}.log",
     benchmark:

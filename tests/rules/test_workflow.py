@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from gsbridge.digests import import_closure
@@ -275,6 +277,42 @@ def test_a_capture_that_is_gone_stops_stages_whose_inputs_are_there(snakemake, c
     process = snakemake(*write_config(config), "--dry-run", "--directory", str(tmp_path / "run"), "--", target, check=False)
     assert process.returncode != 0
     assert "config: scenes.mug.source.video: there is neither " in process.stdout + process.stderr
+
+
+def test_refused_photos_leave_earlier_results_as_they_were(snakemake, config, write_config, tmp_path):
+    photos, made = tmp_path / "photos", tmp_path / "run/results/scenes/mug/capture"
+    photos.mkdir()
+    rng = np.random.default_rng(0)
+    for number in range(4):
+        cv2.imwrite(str(photos / f"{number}.png"), rng.integers(0, 255, (64, 64, 3), np.uint8))
+    config["scenes"]["mug"] = {"kind": "object", "source": {"images": str(photos)}}
+    call = [*write_config(config), "--cores", "1", "--directory", str(tmp_path / "run"), "--"]
+    call.append("results/scenes/mug/capture/keyframes.json")
+
+    def files():
+        return {path.relative_to(made): path.read_bytes() for path in made.rglob("*.*") if not path.name.startswith(".")}
+
+    sound = (photos / "2.png").read_bytes()
+    (photos / "2.png").write_text("no image")
+    first = snakemake(*call, check=False)
+    assert "photos/2.png: this is not a readable image" in first.stdout + first.stderr
+    assert "restore" not in first.stdout + first.stderr
+    assert not made.exists() or files() == {}
+    (photos / "2.png").write_bytes(sound)
+    snakemake(*call)
+    before = files()
+    assert len(before) == 5
+    # Left by a job that was killed.
+    left = tmp_path / "run/.snakemake/backups/results/scenes/mug/capture/frames"
+    left.mkdir(parents=True)
+    (left / "0.png").touch()
+    (photos / "2.png").write_text("no image")
+    second = snakemake(*call, check=False)
+    assert "photos/2.png: this is not a readable image" in second.stdout + second.stderr
+    assert files() == before
+    (photos / "2.png").write_bytes(sound)
+    snakemake(*call)
+    assert files() == before
 
 
 def test_a_damaged_board_capture_is_told_before_any_job(snakemake, config, write_config, tmp_path):
