@@ -137,3 +137,15 @@ def test_what_was_changed_is_done_again_there(finished, tmp_path):
     # The preset has two scenes, and only the one whose mesh has changed is made again.
     assert (jobs["train_splats"], jobs["build_asset"]) == (len(BINDINGS), 1)
     assert not {"film_scene", "reconstruct_cameras", "align_scene", "mesh_object", "mesh_background"} & set(jobs)
+
+
+def test_a_stage_that_makes_the_same_with_new_code_reruns_nothing_after_it(finished, tmp_path):
+    project = copied(finished, tmp_path / "elsewhere")
+    assert planned(project) == {}
+    script = project / "scripts/mesh_object.py"
+    script.write_text(script.read_text() + "made.digest()\n")
+    before = planned(project)
+    assert before["mesh_object"] == 1
+    assert {"build_asset", "train_policy", "assemble_tables"} <= set(before)
+    snakemake(project, "--cores", "2", "--until", "mesh_object", "--", *TARGETS)
+    assert planned(project) == {}

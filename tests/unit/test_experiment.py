@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -354,14 +355,14 @@ def test_controls_are_tried_in_the_changed_world_and_trained_as_often(config, tm
     assert pictures.comparisons == [{"world": "mirror_dark", "variant": "after", "controls": ["other"]}]
 
 
-def write_record(working: Path, name: str, end: float) -> None:
+def write_record(working: Path, name: str, end: float, inputs: Sequence[str] = ()) -> None:
     """A record as snakemake keeps it, its name split where it is long."""
     folder = working / ".snakemake/metadata"
     parts = [part.decode() for part in [base64.urlsafe_b64encode(name.encode())]]
     if len(parts[0]) > 40:
         parts = ["@" + parts[0][:40], parts[0][40:]]
     folder.joinpath(*parts[:-1]).mkdir(parents=True, exist_ok=True)
-    folder.joinpath(*parts).write_text(json.dumps({"endtime": end}))
+    folder.joinpath(*parts).write_text(json.dumps({"endtime": end, "input": [*inputs]}))
 
 
 def test_copied_folders_get_back_their_dates(tmp_path):
@@ -399,6 +400,35 @@ def test_no_result_is_dated_later_than_now(tmp_path):
     assert restore_dates(tmp_path) == ["results/a.json", "results/b.json"]
     dates = [(tmp_path / name).stat().st_mtime for name in ("results/a.json", "results/b.json")]
     assert all(now - 1e-3 <= date <= time.time() for date in dates)
+    assert restore_dates(tmp_path) == []
+
+
+@pytest.mark.parametrize("folder", [False, True])
+@pytest.mark.parametrize(("content", "given", "kept"), [("one", "old", True), ("two", "old", False), ("one", "new", False)])
+def test_what_a_job_made_again_as_it_was_keeps_its_date(tmp_path, folder, content, given, kept):
+    """Unless what it was made from is younger: snakemake would make it again at every call."""
+    first, second = 1.6e9, 1.6e9 + 500
+
+    def make(text: str, end: float) -> Path:
+        name = "results/made" if folder else "results/made.json"
+        path = tmp_path / name / "part" if folder else tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        dated = path.parent / ".snakemake_timestamp" if folder else path
+        dated.touch()
+        os.utime(dated, (end, end))
+        write_record(tmp_path, name, end, ["given.txt"])
+        return dated
+
+    (tmp_path / "given.txt").touch()
+    os.utime(tmp_path / "given.txt", (first - 50, first - 50))
+    make("one", first)
+    assert restore_dates(tmp_path) == []
+    if given == "new":
+        os.utime(tmp_path / "given.txt", (second - 50, second - 50))
+    dated = make(content, second)
+    assert len(restore_dates(tmp_path)) == kept
+    assert dated.stat().st_mtime == pytest.approx(first if kept else second)
     assert restore_dates(tmp_path) == []
 
 
