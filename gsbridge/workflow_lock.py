@@ -24,6 +24,7 @@ from typing import NoReturn
 import psutil
 
 from gsbridge.errors import InputError
+from gsbridge.notebook import cache_root
 from gsbridge.workflow_faults import told
 from gsbridge.workflow_files import check_configuration_files, check_targets, check_workflow, configuration_files
 
@@ -164,6 +165,20 @@ def _children(process: psutil.Process) -> list[psutil.Process]:
         return []
 
 
+def _ensure_cache(folder: Path, say: Callable[[str], None]) -> None:
+    """Let snakemake keep its cache in the working folder where the home folder may not be written, as in some containers."""
+    try:
+        root = cache_root().parent
+        root.mkdir(parents=True, exist_ok=True)
+        if os.access(root, os.W_OK):
+            return
+    except (OSError, RuntimeError):
+        # RuntimeError: the user has no home folder.
+        pass
+    os.environ["XDG_CACHE_HOME"] = str(folder / ".snakemake" / "cache")
+    say("the home folder cannot be written; the cache lies in .snakemake/cache")
+
+
 def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoReturn:
     """Run snakemake with some arguments; a lock that a killed run left in the working folder is removed first.
 
@@ -182,8 +197,9 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
         check_workflow(arguments)
     # The module of this Python, not whichever snakemake the shell finds first.
     command = [sys.executable, "-m", "snakemake", *arguments]
+    folder = working_folder(arguments)
+    _ensure_cache(folder, say)
     if not is_passive(arguments):
-        folder = working_folder(arguments)
         (folder / ".snakemake").mkdir(parents=True, exist_ok=True)
         # The lock lasts while the file is open: until the process ends, also across `exec`, which closes non-inheritable files.
         held = os.open(folder / ".snakemake" / "run.lock", os.O_RDWR | os.O_CREAT, 0o644)
