@@ -141,7 +141,6 @@ def test_what_was_changed_is_done_again_there(finished, tmp_path):
 
 def test_a_stage_that_makes_the_same_with_new_code_reruns_nothing_after_it(finished, tmp_path):
     project = copied(finished, tmp_path / "elsewhere")
-    assert planned(project) == {}
     script = project / "scripts/mesh_object.py"
     script.write_text(script.read_text() + "made.digest()\n")
     before = planned(project)
