@@ -1,11 +1,11 @@
 """gsbridge: photos or a video in, a metric scene of mesh-bound Gaussians out. A table of contents; see rules/."""
 
 import os
-import shutil
 import sys
 from pathlib import Path
 
 from gsbridge.configuration.whole import read_configuration
+from gsbridge.workflow_backups import link_backups
 from gsbridge.workflow_faults import told
 from gsbridge.workflow_files import check_configuration_files
 from gsbridge.workflow_lock import end_when_asked
@@ -42,6 +42,7 @@ if workflow.is_main_process:
 # Snakemake removes what a rule makes before it runs. What rules make from things of the user's, which they may refuse, is kept
 # until there is something better; in a bucket that is beyond snakemake.
 kept = update
+link_backups()
 if workflow.storage_settings.default_storage_provider is not None:
     kept = lambda output: output
 
@@ -52,8 +53,6 @@ report: "rules/captions/workflow.rst"
 onstart:
     end_when_asked()
     see_new_folders()
-    # A job that was killed leaves its copy of earlier results, at which snakemake would stop.
-    shutil.rmtree(workflow.persistence.path / "backups", ignore_errors=True)
 
 
 include: "rules/common.smk"

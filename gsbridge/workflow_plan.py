@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
@@ -39,9 +38,6 @@ STAGES = {
 
 _DRY = "This was a dry-run"
 """How the last line of a dry run begins."""
-
-_NOTHING_KEPT = re.compile(r"Cannot restore .*: no backup found\.")
-"""Snakemake's line about an output of a failed job, where no earlier job has made it."""
 
 _HINT = "`--quiet rules` leaves out the list of jobs; `gsbridge status` tells about how long they take."
 
@@ -94,8 +90,7 @@ def is_dry(command: Sequence[str], parser: Callable[[], argparse.ArgumentParser]
 def summarize_plans(logger: logging.Logger, rules: Callable[[], Iterable[Rule]], dry: bool) -> None:
     """Put a summary by stage before snakemake's plan; a dry run also ends with it, in place of snakemake's second table.
 
-    A dry run also leaves out the lines about the machine, so that the summary comes first. Where the first try of a job fails,
-    snakemake's lines about each output of which there is no earlier version are left out.
+    A dry run also leaves out the lines about the machine, so that the summary comes first.
 
     Args:
         logger: Snakemake's logger.
@@ -113,7 +108,7 @@ def summarize_plans(logger: logging.Logger, rules: Callable[[], Iterable[Rule]],
             record.msg = f"\n{told[0]}\n\n{record.msg}\n{_HINT}"
         elif event in ("run_info", "workflow_started"):
             return not dry
-        return not _NOTHING_KEPT.fullmatch(str(record.msg))
+        return True
 
     logger.addFilter(summarize)
 

@@ -10,8 +10,8 @@ from gsbridge import digests
 
 ROOT = Path(__file__).resolve().parents[2]
 GROUND = "errors logs files given geometry cameras images meshes libraries kernels digests configuration statistics "
-GROUND += "notebook run_status workflow_faults workflow_files workflow_lock workflow_plan workflow_storage workflow_targets "
-GROUND += "reading"
+GROUND += "notebook run_status workflow_backups workflow_faults workflow_files workflow_lock workflow_plan workflow_storage "
+GROUND += "workflow_targets reading"
 FLOORS = [
     # The lowest layer has modules only, no packages; its modules may import one another.
     GROUND.split(),
