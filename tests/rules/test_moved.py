@@ -143,8 +143,6 @@ def test_a_stage_that_makes_the_same_with_new_code_reruns_nothing_after_it(finis
     project = copied(finished, tmp_path / "elsewhere")
     script = project / "scripts/mesh_object.py"
     script.write_text(script.read_text() + "made.digest()\n")
-    before = planned(project)
-    assert before["mesh_object"] == 1
-    assert {"build_asset", "train_policy", "assemble_tables"} <= set(before)
-    snakemake(project, "--cores", "2", "--until", "mesh_object", "--", *TARGETS)
+    said = snakemake(project, "--cores", "2", "--until", "mesh_object", "--", *TARGETS)
+    assert re.search(r"^mesh_object +1$", said, re.MULTILINE)
     assert planned(project) == {}

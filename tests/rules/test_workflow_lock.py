@@ -75,17 +75,14 @@ def test_the_same_command_goes_on_after_a_kill(folder, how):
     assert (folder / "slow.txt").read_text() == "done"
 
 
-@pytest.mark.parametrize("home", ["/proc/nowhere", None])
-def test_without_a_home_folder_the_cache_lies_in_the_working_folder(folder, home):
+def test_without_a_home_folder_the_cache_lies_in_the_working_folder(folder):
     (folder / "go").touch()
-    surroundings = {name: value for name, value in os.environ.items() if name not in ("HOME", "XDG_CACHE_HOME")}
+    surroundings = {name: value for name, value in os.environ.items() if name != "XDG_CACHE_HOME"} | {"HOME": "/proc/nowhere"}
     call = [sys.executable, "-m", "gsbridge", "run", "--cores", "1", "slow.txt"]
-    process = subprocess.run(
-        call, cwd=folder, env=surroundings | ({"HOME": home} if home else {}), capture_output=True, text=True, check=False
-    )
+    process = subprocess.run(call, cwd=folder, env=surroundings, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr
-    assert ("the home folder cannot be written" in process.stderr) == bool(home)
-    assert (folder / ".snakemake/cache").is_dir() == bool(home)
+    assert "the home folder cannot be written" in process.stderr
+    assert (folder / ".snakemake/cache").is_dir()
 
 
 def test_a_mistake_in_the_command_after_a_kill_is_told_in_one_line(folder):
