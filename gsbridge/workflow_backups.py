@@ -8,28 +8,46 @@ import sys
 from pathlib import Path
 from typing import Any
 
-_MODULE, _CLASS = "snakemake.persistence", "FileBackupMixin"
+_MODULE, _CLASS = "snakemake.persistence", "PersistenceBase"
 
 
 def link_backups() -> None:
-    """Let snakemake keep earlier outputs of a job (those marked by `update`) by hard links.
+    """Let snakemake keep earlier outputs of a job (those marked by `update`) by hard links, with the records of how they came.
 
     Snakemake (9.27) copies them. That takes room, so that a full disk ends in a traceback before the job could tell it, and
     it stops at a copy that a killed job has left. Stages replace their outputs whole and never write into them, so that a link
     keeps the earlier version. Where a link cannot be made, the earlier version is copied; where there is no room for that,
     nothing is kept, and only a job that fails loses what it was to replace.
+
+    Snakemake also records outputs that it has put back as if the failed job had made them, so that the same command finds
+    nothing to do and tells no error any more. With this function their earlier records stay, and the job is tried again.
     """
     kind: Any = getattr(sys.modules.get(_MODULE), _CLASS, None)
-    if kind is None or not hasattr(kind, "_get_backup_path"):
+    if kind is None or not all(hasattr(kind, name) for name in ("_get_backup_path", "_unmark_incomplete", "finished")):
         return
+    finished = kind.finished
+    restored: set[str] = set()
 
     def backup_output(self: Any, path: Path) -> None:
         keep(path, self._get_backup_path(path))
 
     def restore_output(self: Any, path: Path) -> bool:
-        return put_back(path, self._get_backup_path(path))
+        done = put_back(path, self._get_backup_path(path))
+        if done:
+            restored.add(str(path))
+        return done
 
-    kind.backup_output, kind.restore_output = backup_output, restore_output
+    async def record(self: Any, job: Any) -> None:
+        outputs = {str(Path(output)): output for output in job.output}
+        if not restored.intersection(outputs):
+            await finished(self, job)
+            return
+        restored.difference_update(outputs)
+        self._clear_cache()
+        for output in outputs.values():
+            self._unmark_incomplete(self._get_key(output))
+
+    kind.backup_output, kind.restore_output, kind.finished = backup_output, restore_output, record
 
 
 def keep(path: Path, backup: Path) -> None:

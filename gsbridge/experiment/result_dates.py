@@ -129,7 +129,11 @@ def _wanted_dates(working: Path, results: Mapping[str, _Result], now: float) -> 
         if result.end is None or result.end > now or (not result.folder and date > result.end + _EDITED):
             return out[name]
         before = known.get(name)
-        digest = before.digest if before is not None and before.end == result.end else _digest(result.path)
+        try:
+            digest = before.digest if before is not None and before.end == result.end else _digest(result.path)
+        except OSError:
+            # It may not be read, or goes away meanwhile.
+            return out[name]
         if before is not None and before.digest == digest and all(date_of(one) <= before.date for one in result.inputs):
             out[name] = before.date
         fresh[name] = _Known(result.end, out[name], digest)
