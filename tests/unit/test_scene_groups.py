@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from test_scene_editing import CAMERA, VIEW, make_cloud, make_pose
 
@@ -30,6 +30,12 @@ def pictures(bodies, background, poses, camera, view):
     return draw(whole.splats, camera, view, GREY, 1), drawn, (len(seen.groups), grouped.splats.count // GROUP)
 
 
+def closest_depths(bodies, background, poses, view) -> float:
+    """Least distance of the depths of two splats, in float64, m."""
+    parts = [(background.means, np.eye(4)), *((bodies[name].means, pose) for name, pose in poses.items())]
+    return np.diff(np.sort(np.concatenate([means @ (view @ pose)[2, :3] + (view @ pose)[2, 3] for means, pose in parts]))).min()
+
+
 unit = st.floats(-1, 1, allow_nan=False)
 
 
@@ -43,13 +49,16 @@ unit = st.floats(-1, 1, allow_nan=False)
     size=st.sampled_from([(16, 40.0), (64, 60.0), (33, 500.0)]),
 )
 def test_what_the_view_leaves_out_changes_no_picture(quat, translation, eye, size):
-    """Balls and margins are on the safe side: with any camera, near ones among them, only what is a matter of rounding differs:
-    the order of equal depths, and a splat at the cut-off."""
+    """Balls and margins are on the safe side: with any camera, near ones among them, only what is a matter of rounding differs,
+    a splat at the cut-off. Views in which rounding settles the order of two splats are left out."""
     pixels, focal = size
     camera = Camera(pixels, pixels + 3, focal, 1.1 * focal, pixels / 2, pixels / 2 - 2)
     poses = {"a": make_pose(quat, translation), "b": make_pose((1, 0, 0, 0), (0.1, 0, 0))}
     bodies = {"a": make_cloud(301, 1), "b": make_cloud(40, 2)}
-    whole, drawn, _ = pictures(bodies, make_cloud(500, 3), poses, camera, look_at(np.array(eye), np.zeros(3)))
+    background, view = make_cloud(500, 3), look_at(np.array(eye), np.zeros(3))
+    # In single precision depths of some decimetres are equal below this; three views of ten have such a pair somewhere.
+    assume(closest_depths(bodies, background, poses, view) > 1e-7)
+    whole, drawn, _ = pictures(bodies, background, poses, camera, view)
     for expected, found in zip(whole, drawn, strict=True):
         # Which side of the rasteriser's cut-off, an opacity of 1/255, a splat is on at a pixel may change by rounding.
         np.testing.assert_allclose(found, expected, atol=ALPHA_MIN)
