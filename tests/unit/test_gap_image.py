@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +10,7 @@ from gsbridge.cameras import Camera
 from gsbridge.effects.images import IMAGE_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
-from gsbridge.gap.benchmark.image_truth import READ, SHOT
+from gsbridge.gap.benchmark.image_truth import READ, SHOT, grainy
 from gsbridge.gap.benchmark.images import SIZES, STRANGE, draw_image_case, film, hidden_pairs, image_site
 from gsbridge.gap.diagnosis.results import ROLES, Rules
 from gsbridge.gap.image.diagnose import UNSTEADY, ImageAccount, diagnose_images, unsteady
@@ -20,6 +21,7 @@ from gsbridge.gap.image.null import SCALES, ImageNull, _blocks
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, compared, learn_noise
 from gsbridge.gap.image.screen import gains_of
+from gsbridge.scene.track import Track
 
 SPIN = {"wr": 0.8, "wb": -0.6, "x": 0.6, "y": 0.8, "z": 0.0, "a": 0.0, "b": 0.0, "c": 1.0}
 
@@ -123,6 +125,35 @@ def test_photos_with_nothing_changed_are_rarely_odd_and_changed_ones_are(site):
     # Edges weigh less than their noise alone would justify, so the p-values of unchanged photos are rarely small.
     assert min(found) > 0.02
     changed = ImageResiduals(hidden_case(site, {"exposure": 0.02}, seed=100)["fit"], view.noise)
+    assert ImageNull.of(changed, np.random.default_rng(0), 99).p_value(changed, changed.residual()) < 1e-3
+
+
+def compressed(photos, quality):
+    """Photos as a JPEG file of a quality gives them back. [N, H, W, 3]."""
+    out = []
+    for photo in photos:
+        _, file = cv2.imencode(".jpg", np.round(255.0 * photo).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality])
+        out.append(cv2.imdecode(file, cv2.IMREAD_COLOR))
+    return np.stack(out).astype(np.float32) / 255.0
+
+
+@pytest.mark.parametrize("quality", [None, 90])
+def test_large_photos_with_nothing_changed_are_not_odd(quality):
+    """Photos of four times the size at which they are compared, as the sensor gives them or as JPEG files."""
+    site = image_site(8, camera=Camera(256, 192, 240.0, 240.0, 128.0, 96.0), photos=5)
+    track, times = film(21, site.photos)
+    rng, poses = np.random.default_rng(5), track.at(times)
+    stops = Track(np.arange(len(poses), dtype=float), poses)
+    plain = site.lens().photos(stops, stops.times)
+    shots = [grainy(plain, {}, rng) for _ in range(6)]
+    if quality is not None:
+        shots = [compressed(shot, quality) for shot in shots]
+    again = np.mean(shots[1:5], axis=0).astype(np.float32)
+    pairs = Pairs(site.camera, shots[0], again, shots[5], site.depths(poses, rng), poses, repeats=4)
+    view = ImageResiduals(pairs, learn_noise([pairs]))
+    assert ImageNull.of(view, np.random.default_rng(0), 99).p_value(view, view.residual()) > 0.02
+    lighter = replace(pairs, after=np.clip(1.03 * pairs.after, 0.0, 1.0))
+    changed = ImageResiduals(lighter, view.noise)
     assert ImageNull.of(changed, np.random.default_rng(0), 99).p_value(changed, changed.residual()) < 1e-3
 
 

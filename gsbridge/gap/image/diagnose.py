@@ -147,7 +147,8 @@ def unsteady(pairs: Mapping[str, Pairs], rules: Rules | None = None, seed: int =
     rng, chances = np.random.default_rng(seed), []
     for role in ROLES:
         view = ImageResiduals(pairs[role], noise).quiet()
-        chances.append(ImageNull.of(view, rng).p_value(view, view.residual()))
+        # Against noise that is independent in each pixel, since patches would take in what an unsteady light does.
+        chances.append(ImageNull.of(view, rng, patches=(1,)).p_value(view, view.residual()))
     return (UNSTEADY,) if len(chances) * min(chances) < (rules or Rules()).alarm else ()
 
 

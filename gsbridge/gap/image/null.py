@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,9 @@ REPLICATES = 199
 _FILLED = 0.5
 """Share of a block that must be compared for its mean to count."""
 
+
+_INDEPENDENT = 0.01
+"""p-value of the difference of repeated photos from which on patches of pixels are taken to have independent noise."""
 
 Filled = tuple[list[Array], list[Array]]
 """Number of compared pixels in each block, by scale: for single photos, and for the sum over photos."""
@@ -83,19 +87,34 @@ class ImageNull:
     white: Array
 
     @classmethod
-    def of(cls, view: ImageResiduals, rng: np.random.Generator, replicates: int = REPLICATES) -> ImageNull:
+    def of(
+        cls,
+        view: ImageResiduals,
+        rng: np.random.Generator,
+        replicates: int = REPLICATES,
+        patches: Sequence[int] = SCALES,
+    ) -> ImageNull:
         """Draw replicates of the residual of one role's views with nothing changed.
+
+        Neighbouring pixels of compressed or denoised photos share noise. Signs are therefore drawn for patches of pixels, the
+        smallest for which the difference of repeated photos is itself no surprise.
 
         Args:
             view: Residuals on the views of the role.
             rng: Random numbers.
             replicates: Number of replicates to draw.
+            patches: Edges of patches to try, ascending, in compared pixels; the last is taken where none is large enough.
         """
         filled = filled_blocks(view)
         counts = [(weight >= _FILLED * scale**2).sum() for part in filled for scale, weight in zip(SCALES, part, strict=True)]
         # Three colours and their sum at each scale. The part about the photos' noise is never free of noise.
         white = np.concatenate([np.repeat(counts, 4), np.zeros(3)]).astype(np.float64)
-        return cls(np.stack([sums(view, view.replicate(rng), filled) for _ in range(replicates)]), white)
+        usual = view.usual_table()
+        for patch in patches:
+            null = cls(np.stack([sums(view, view.replicate(rng, patch), filled) for _ in range(replicates)]), white)
+            if patch == patches[-1] or null.p_value(view, usual) >= _INDEPENDENT:
+                break
+        return null
 
     def p_value(self, view: ImageResiduals, table: Array) -> float:
         """Return the probability that noise alone gives a largest statistic as extreme as here. [N * h + N, 3 * w]."""

@@ -17,7 +17,7 @@ from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.image.expect import Expectation
 from gsbridge.gap.image.model import shooting
-from gsbridge.gap.image.noise_model import LEAST, Flats, slopes_of
+from gsbridge.gap.image.noise_model import LEAST, Flats, SharedNoise, slopes_of
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.visibility import off_steps
 from gsbridge.geometry import Array
@@ -225,18 +225,38 @@ class ImageResiduals:
         apart = (shrunk(self.pairs.again, self.size) - shrunk(self.pairs.before, self.size)) * self._weights
         return apart / np.sqrt(np.maximum((apart**2).sum(axis=(0, 1, 2)) / max(float(self.mask.sum()), 1.0), 1e-12))
 
-    def replicate(self, rng: np.random.Generator) -> Array:
+    def replicate(self, rng: np.random.Generator, patch: int = 1) -> Array:
         """Draw a residual in which nothing has changed. [N * h + N, 3 * w].
 
         It is the difference of repeated photos with random signs, which keeps outliers of the noise but removes its spatial
-        correlation.
+        correlation beyond a patch.
+
+        Args:
+            rng: Random numbers.
+            patch: Edge of the patches that share a sign, in compared pixels.
         """
         usual, measured = self.usual, self.noise_part(self.residual()) != 0
+        count, height, width = self.shape
         size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(usual.shape[-1]), 0.0)).astype(np.float32)
         # One sign for all colours of a pixel, since their differences are often correlated.
-        white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), (*usual.shape[:-1], 1)) * size
-        rough = rng.standard_normal(measured.shape).astype(np.float32) * measured
-        return np.concatenate([white.reshape(-1, measured.shape[1]), rough])
+        down, across = rng.integers(patch, size=2) if patch > 1 else (0, 0)
+        signs = rng.choice(
+            np.array((-1.0, 1.0), np.float32), (count, -(-(height + down) // patch), -(-(width + across) // patch))
+        )
+        signs = signs.repeat(patch, axis=1).repeat(patch, axis=2)[:, down : down + height, across : across + width]
+        white = usual * signs[..., None] * size
+        rough = rng.standard_normal(measured.shape)
+        classes = self._spread.shape[1]
+        if self._compares_noise:
+            mixed = rough[:, : 3 * classes].reshape(count, classes, 3) @ np.linalg.cholesky(self._shared.colours).T
+            rough[:, : 3 * classes] = mixed.reshape(count, -1)
+        return np.concatenate([white.reshape(-1, measured.shape[1]), rough.astype(np.float32) * measured])
+
+    def usual_table(self) -> Array:
+        """Return the difference of repeated photos as a residual without a noise part. [N * h + N, 3 * w]."""
+        count, height, width = self.shape
+        pictures = self.usual.reshape(count * height, 3 * width)
+        return np.concatenate([pictures, np.zeros((count, 3 * width), np.float32)]).astype(np.float32)
 
     def leave_out(self, pixels: Array) -> None:
         """Exclude some pixels from the comparison. [N, h, w] bool."""
@@ -264,14 +284,23 @@ class ImageResiduals:
         height, width = self.pairs.camera.height, self.pairs.camera.width
         whole = np.zeros((len(self.pairs), height, width), bool)
         whole[:, : seen.shape[1], : seen.shape[2]] = seen
-        before = self.pairs.before.astype(np.float32)
-        return Flats.of(before, slopes_of(before), whole)
+        # By photos of their own: where `before` looks flat, its noise is small by chance, and that of any later photo larger.
+        # Where the repeated photos stand for the later ones, both of them choose.
+        looks = self.pairs.again.astype(np.float32)
+        if self.pairs.after is self.pairs.again:
+            looks = 0.5 * (looks + self.pairs.before.astype(np.float32))
+        return Flats.of(looks, slopes_of(looks), whole)
 
     @cached_property
     def _spread(self) -> Array:
         """Standard deviation of the log ratio of two measured noise variances; infinite where not measured. [N, L]."""
         spread = np.sqrt(2.0) * self._flats.deviations()
-        return spread if self._compares_noise else np.full_like(spread, np.inf)
+        return spread * np.sqrt(self._shared.pixels) if self._compares_noise else np.full_like(spread, np.inf)
+
+    @cached_property
+    def _shared(self) -> SharedNoise:
+        """What neighbouring pixels and the colours of a pixel share of the noise, as repeated photos show."""
+        return self._flats.shared(self.pairs.again - self.pairs.before)
 
     @cached_property
     def _grain(self) -> Array:

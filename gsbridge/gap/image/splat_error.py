@@ -117,8 +117,13 @@ class SplatResiduals(ImageResiduals):
         plain = super().apart(how)
         return plain if self._spread_of is None else self._spread_of.whitened(plain)
 
-    def replicate(self, rng: np.random.Generator) -> Array:
-        """Draw a residual in which nothing has changed, from held-out residuals of the registration. [N * h + N, 3 * w]."""
+    def replicate(self, rng: np.random.Generator, patch: int = 1) -> Array:
+        """Draw a residual in which nothing has changed, from held-out residuals of the registration. [N * h + N, 3 * w].
+
+        Args:
+            rng: Random numbers.
+            patch: Of no use here, since detail of each size has a spread of its own.
+        """
         count, height, width = self.shape
         assert self._spread_of is not None
         white = self._spread_of.replicate(self.mask[..., None], rng)
