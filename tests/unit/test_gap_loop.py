@@ -21,7 +21,7 @@ from gsbridge.gap.formats.records import Record
 from gsbridge.gap.image.workflow import amend_camera
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
-from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model
+from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model, read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.loop.amend import amend_object, amend_simulation, amended_content, object_content
 from gsbridge.gap.loop.arm import write_arm
@@ -67,22 +67,28 @@ def logged_simulation(steps: int = 50, effects: tuple = (), **changes) -> tuple[
         return DriverLog(1e-3 * np.arange(len(rows)), command, speed, position, velocity, effort), sim.base_from_table
 
 
-def replayed(folder, log: DriverLog, base_from_table, effects: tuple = (), **changes) -> tuple[Record, dict]:
-    """The log as the gap reads it, and the gap's own replay of it."""
+def replay(folder, record: Record, base_from_table, effects: tuple = (), **changes) -> dict:
+    """The gap's own replay of a record, by a model with the given effects."""
     write_arm(robot(), with_effects(effects, **changes), base_from_table, folder / "arm.urdf", folder / "model.yaml")
+    mechanism = Mechanism(read_mechanism_model(folder / "model.yaml"))
+    start = record.measured["position"][0], record.measured["velocity"][0]
+    return mechanism.run(record, apply_effects(mechanism, ()), [(0, len(record.time))], [start])
+
+
+def record_of(folder, log: DriverLog, base_from_table) -> Record:
+    """The log as the gap reads it."""
+    write_arm(robot(), with_effects(()), base_from_table, folder / "arm.urdf", folder / "model.yaml")
     write_driver_log(folder / "log.csv", robot().record["arm_joints"], log)
     (folder / "case.yaml").write_text("model: model.yaml\nrecords: {fit: log.csv, select: log.csv, verify: log.csv}\n")
-    case = read_joint_case(folder / "case.yaml")
-    mechanism, record = Mechanism(case.system), case.records["fit"]
-    start = record.measured["position"][0], record.measured["velocity"][0]
-    return record, mechanism.run(record, apply_effects(mechanism, ()), [(0, len(record.time))], [start])
+    return read_joint_case(folder / "case.yaml").records["fit"]
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.08])
 def test_the_gap_replays_the_simulated_arm(tmp_path, delay):
     """Another engine, another code of the same equations: apart by less than the sensors of the mirror see."""
     log, base_from_table = logged_simulation(arm__delay=delay)
-    record, out = replayed(tmp_path, log, base_from_table, arm__delay=delay)
+    record = record_of(tmp_path, log, base_from_table)
+    out = replay(tmp_path, record, base_from_table, arm__delay=delay)
     assert np.ptp(record.measured["position"], axis=0).min() > 0.01
     # The mirror's sensors have 3e-5 rad, 7e-4 rad/s and 0.1 N m; the last joint is all but massless without its armature.
     for kind, most in (("position", 3e-5), ("velocity", 1e-3), ("effort", 0.1)):
@@ -104,8 +110,8 @@ def test_an_effect_on_a_joint_is_the_same_in_the_simulation_and_in_the_gap(tmp_p
     values = effect.scaled({p.name: p.typical for p in effect.parameters}, SIZES.get(name, 8.0))
     entry = {"name": name, "parameters": values} | ({"joint": "lbr_iiwa_joint_3"} if effect.scope == "joint" else {})
     log, base_from_table = logged_simulation(32, (entry,))
-    record, with_it = replayed(tmp_path, log, base_from_table, (entry,))
-    _, without = replayed(tmp_path, log, base_from_table)
+    record = record_of(tmp_path, log, base_from_table)
+    with_it, without = (replay(tmp_path, record, base_from_table, effects) for effects in ((entry,), ()))
     # The first state is corrected for an eccentric encoder to first order only; from sample 300 on, the error has decayed.
     later = slice(300, None)
     share = {
