@@ -127,3 +127,10 @@ def test_two_effects_are_named_together_beside_filtered_noise(axis, hidden, seed
     assert len(result.account.entries) == 2
     assert result.runs <= 200
     assert result.seconds > 0.0
+
+
+def test_a_small_motion_that_two_records_do_not_prove_shows_on_three(axis):
+    """It is no coloured noise, though nothing that was learnt from one record holds on another."""
+    case = draw_case(axis[1], ("detent",), 4.0, 62, 63)
+    found = diagnose_joints(axis[0], case.records, axis[2] / "bank", seed=1).finding
+    assert (found.verdict, found.best, found.something_remains) == ("none_of_the_known", None, True)

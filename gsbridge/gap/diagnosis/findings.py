@@ -284,7 +284,8 @@ class Account:
             return self.alone if finding.p_value < Rules.alarm else self.unexcited
         best = finding.best
         if best is None:
-            return f"Something is missing ({p_sentence(finding.p_value)}), and no known effect could be fitted to it."
+            missing = f"Something is missing ({p_sentence(finding.p_value)})"
+            return f"{missing}, and no known effect explains it so well on one part of the data that it holds on another."
         if finding.verdict == "none_of_the_known":
             if diagnosis.account is not None and diagnosis.account.entries:
                 return self._closest(diagnosis.account)

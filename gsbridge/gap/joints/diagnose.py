@@ -124,8 +124,6 @@ def diagnose_joints(
     seen = tuple(views.values())
     # Ask after single effects whether the residual is noise of a filter; sets of effects could be fitted to such noise.
     finding = search.run(lambda trial: _filtered(seen, trial.fit.effects, search.rules, seed) is not None)
-    if alone := bool(left_out) and finding.verdict in SILENT:
-        finding = finding.refuted()
     if finding.verdict == "none_of_the_known" and finding.best is not None:
         begin_runs = mechanism.runs
         found = _with_other_noise(search, bank, seen, finding.best.fit.effects, seed)
@@ -133,6 +131,8 @@ def diagnose_joints(
         search, finding = found or (search, search.run())
         if found is None and finding.verdict == "none_of_the_known" and finding.best is not None:
             search, finding = _with_other_noise(search, bank, seen, finding.best.fit.effects, seed) or (search, finding)
+    if alone := bool(left_out) and finding.verdict in SILENT:
+        finding = finding.refuted()
     diagnosis = _diagnosis(search, finding, bank, views, made, seed)
     if diagnosis.finding.verdict == "none_of_the_known" and diagnosis.account is not None and second.colour is None:
         # With several missing effects, only the account explains all of them and so leaves the noise alone.

@@ -15,7 +15,7 @@ from gsbridge.gap.joints.candidates import closed_beside_knocks
 from gsbridge.gap.joints.coherence import related
 from gsbridge.gap.joints.explanations import CHECKED, Explanations, without_one
 from gsbridge.gap.joints.limits import nothing_fitted
-from gsbridge.gap.joints.motion import is_motion, vibrates
+from gsbridge.gap.joints.motion import is_motion, moves_together, vibrates
 from gsbridge.gap.joints.screen import SignatureMatch
 from gsbridge.gap.joints.verify import stepped
 
@@ -73,6 +73,9 @@ class JointIdentification(Explanations):
         moves = best is not None and self._transfers(best)
         views = (self.first, self.second), (self.start, self.plain)
         if not moves and not is_motion(*views, self.rng, rules.deviations):
+            if self._moves_on_all():
+                # It is a motion, but so small that no fit to one record holds on the other.
+                return self._quiet("none_of_the_known", p_value, unseen)
             # The excess over white noise is no motion, and no fit to one record holds on the other: it is coloured noise.
             untold = not related(self.first, self.start)
             return replace(self._quiet("no_discrepancy", p_value, unseen), coloured=True, untold=untold)
@@ -129,6 +132,13 @@ class JointIdentification(Explanations):
         effects = [candidate.applied(one) for candidate, one in zip(who, values, strict=True)]
         change = self.first.residual(effects) - self.first.residual(without_one(effects, k))
         return float((change**2).sum()) < self.rules.margin
+
+    def _moves_on_all(self) -> bool:
+        """Tell whether channels move together on all three records, as a small motion does that two of them do not prove."""
+        if self.third is None:
+            return False
+        views, residuals = (self.first, self.second, self.third), (self.start, self.plain, self.third.residual())
+        return moves_together(views, residuals, self.rng)
 
     def _transfers(self, trial: Hypothesis) -> bool:
         """Tell whether a trial explains more of `select` than chance does, even with coloured noise.

@@ -45,7 +45,18 @@ def is_motion(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: 
         return True
     if set.intersection(*(jolted(view, row) for view, row in zip(views, residuals, strict=True))):
         return True
-    return coherence_p(views, residuals, rng) < _TOGETHER or vibrates(views, residuals, rng)
+    return moves_together(views, residuals, rng) or vibrates(views, residuals, rng)
+
+
+def moves_together(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator) -> bool:
+    """Tell whether channels that measure the same motion agree by more than chance; three records show less than two hide.
+
+    Args:
+        views: Residuals on some records.
+        residuals: Whitened residual of each record. [T, C] each.
+        rng: Random numbers for surrogates.
+    """
+    return coherence_p(views, residuals, rng) < _TOGETHER
 
 
 def jolted(view: JointResiduals, residual: Array) -> set[int]:
