@@ -79,8 +79,8 @@ def test_noise_of_a_filter_is_large_and_soon_forgotten(memory, size, period, tol
 def test_a_short_record_makes_no_memory_longer_than_it_may_be(memory, seed):
     law = NoiseColour.of([filtered(memory, (400, 2), seed)])
     assert (law.least_memory < law.memory).all()
-    # Two standard deviations and the bias of few samples, which shortens memories.
-    assert (law.least_memory < -1.6 / np.log(memory)).all()
+    # Two standard deviations are taken off, and few samples shorten memories. The largest of 6000 was 1.63 times the truth.
+    assert (law.least_memory < -2.0 / np.log(memory)).all()
 
 
 def test_residuals_of_coloured_noise_are_white_and_unit_and_orthogonal_to_the_initial_state(axis):
