@@ -49,7 +49,9 @@ def is_motion(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: 
 
 
 def moves_together(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator) -> bool:
-    """Tell whether channels that measure the same motion agree by more than chance; three records show less than two hide.
+    """Tell whether channels that measure the same motion agree by more than chance.
+
+    The more records are given, the smaller is the motion that shows.
 
     Args:
         views: Residuals on some records.
